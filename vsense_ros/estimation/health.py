@@ -1,4 +1,4 @@
-"""What became of each sensor's messages, and how that is told."""
+"""What became of each sensor's messages, and the line of diagnostics about it."""
 
 from __future__ import annotations
 
@@ -64,7 +64,7 @@ class Health:
 
     @property
     def contradicts(self) -> bool:
-        """Whether it was refused for so long that it may be the filter that is wrong."""
+        """True if it was refused for so long that it may be the filter that is wrong."""
         return self.refused_in_a_row >= _REFUSALS and self.refused_to - self.refused_from >= PATIENCE
 
     def diagnostic(self, name: str, sensor: Source, now: int) -> Diagnostic:

@@ -125,7 +125,7 @@ class Intake(Generic[Sensor]):
         health.complain(why)
 
     def timing(self, event: Event, oldest: int, newest: int) -> Timing:
-        """Whether a stamp belongs to the stretch of time from `oldest` to `newest` [ns], or goes on from there.
+        """Judge whether a stamp belongs to the stretch of time from `oldest` to `newest` [ns], or goes on from there.
 
         Where a stamp does not, time has gone on if there was as long a silence. Otherwise the other sensors tell
         whether this clock is wrong: once all that still send are there too, the filter follows them. A clock that alone
@@ -152,13 +152,13 @@ class Intake(Generic[Sensor]):
         return Timing.REFUSED
 
     def _others_are_there(self, index: int, stamp: int) -> bool:
-        """Whether every other sensor that still sends went to the same time, or none has sent lately."""
+        """True if every other sensor that still sends went to the same time, or none has sent lately."""
         self._jumps[index] = stamp
         others = (i for i in range(len(self.sensors)) if i != index and self.sends(i))
         return all(i in self._jumps and abs(self._jumps[i] - stamp) < LONGEST_GAP * 1e9 for i in others)
 
     def sends(self, index: int) -> bool:
-        """Whether a sensor was believed, and is not silent."""
+        """True if a sensor was believed, and is not silent."""
         health = self.health[index]
         silence = self.newest_arrival - health.last_received
         return health.last_stamp > 0 and silence < self.sensors[index].timeout * 1e9
@@ -192,7 +192,7 @@ class Intake(Generic[Sensor]):
             health.complain(f"innovation {abs(nis) ** 0.5:.1f} standard deviations, limit {limit**0.5:.1f}")
 
     def out_of_patience(self, index: int, nis: float, limit: float) -> bool:
-        """Whether measurements were refused for so long that it may be the filter that is wrong."""
+        """True if measurements were refused for so long that it may be the filter that is wrong."""
         return not nis <= limit and self.health[index].contradicts and isfinite(nis)
 
 

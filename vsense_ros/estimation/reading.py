@@ -49,7 +49,7 @@ class Map:
             self.origin = (latitude, longitude, height if high else 0.0)
 
     def latitude_longitude(self, east: float, north: float) -> tuple[float, float]:
-        """Of a place on the map [deg]. Raises `ValueError` where there has been no fix yet."""
+        """Latitude and longitude of a place on the map [deg]. Raises `ValueError` where there has been no fix yet."""
         if self.origin is None:
             raise ValueError("the map has no origin")
         latitude, longitude, _ = pymap3d.enu2geodetic(east, north, 0.0, *self.origin)

@@ -115,7 +115,7 @@ class Timeline:
 
     @property
     def begun(self) -> bool:
-        """Whether there is anything to go on from."""
+        """True if there is a state to go on from."""
         return bool(self._history)
 
     def forget_past(self) -> None:
@@ -273,7 +273,7 @@ class Timeline:
         self._afterwards()
 
     def _is_later(self, event: Event, instant: Instant) -> bool:
-        """Whether an event has an instant of its own. An input holds from where it comes on: the filter need not be
+        """True if an event has an instant of its own. An input holds from where it comes on: the filter need not be
         brought to the very time it was read."""
         return event.stamp > instant.stamp + self._merge and self.channels[event.sensor].first_input is None
 

@@ -129,12 +129,12 @@ class Aided(Filter):
         return Use(inputs, speed, remembered, tuple(made), tuple(conditions), gate)
 
     def uses(self, sensor: str) -> bool:
-        """Whether readings of this sensor do anything."""
+        """True if readings of this sensor do anything."""
         use = self.use[sensor]
         return bool(use.inputs or use.speed or use.remembered or use.measurements or use.conditions)
 
     def needs(self, sensor: SensorBase) -> bool:
-        """Whether any input depends on what this sensor tells."""
+        """True if any input depends on what this sensor measures."""
         wanted = {INPUTS[name].tells for name in self.input_names if name in INPUTS and not name.startswith("held")}
         return bool(wanted & sensor.tells)
 

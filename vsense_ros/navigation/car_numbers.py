@@ -1,4 +1,4 @@
-"""What filters of this room may know of a car, as plain numbers by name: from a vehicle file, or for a study."""
+"""What filters of this package may know of a car, as plain numbers by name: from a vehicle file, or for a study."""
 
 from __future__ import annotations
 

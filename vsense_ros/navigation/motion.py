@@ -1,4 +1,4 @@
-"""What a filter of this room tells of the car's motion, and as messages."""
+"""The car's motion as a filter of GNSS and inertial sensors estimates it, and as messages."""
 
 from __future__ import annotations
 
@@ -67,12 +67,12 @@ class Motions:
 
     @property
     def tells_side_slip(self) -> bool:
-        """Whether the filter knows the lateral velocity or the angle itself."""
+        """True if the filter estimates the lateral velocity, or the angle itself."""
         return "side_slip" in self.told or {"forward_velocity", "lateral_velocity"} <= set(self.told)
 
 
 class Readout:
-    """Of one filter: from snapshots to motions."""
+    """The way from snapshots of one filter to motions."""
 
     def __init__(self, filter: Aided) -> None:
         self._filter = filter
@@ -104,7 +104,7 @@ class Readout:
         return Snapshot(stamp, tuple((p.mean.copy(), p.covariance.copy(), p.inputs.copy()) for p in self._parts))
 
     def motions(self, snapshots: Sequence[Snapshot]) -> Motions:
-        """Of one or more times."""
+        """Motions at the times of one or more snapshots."""
         n, count = len(snapshots), len(MOTION)
         value, covariance = np.zeros((n, count)), np.zeros((n, count, count))
         by_error: list[tuple[Array, Array, Array, Array]] = []

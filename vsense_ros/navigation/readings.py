@@ -64,12 +64,12 @@ def course(value: Array, variance: Array) -> tuple[Array, Array]:
 
 
 def speed_over_ground(value: Array, variance: Array) -> tuple[Array, Array]:
-    """Of a velocity (2,)."""
+    """Speed over ground, of a velocity (2,)."""
     return np.array([hypot(*value.tolist())]), variance.max(keepdims=True)
 
 
 def heading(value: Array, variance: Array) -> tuple[Array, Array]:
-    """Of two antennas, from cosine and sine."""
+    """Heading by two antennas, from its cosine and sine."""
     return np.array([atan2(value[1], value[0])]), variance[:1]
 
 
@@ -94,7 +94,7 @@ class Components:
 
 @dataclass(frozen=True)
 class RollingSpeed:
-    """Of the rear wheels with this rolling radius [m]."""
+    """Speed of the rear wheels with this rolling radius [m]."""
 
     radius: float
 

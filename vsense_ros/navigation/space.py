@@ -1,4 +1,4 @@
-"""What a filter of this room is: one state space, or several in a row, with what is known at start and what it tells.
+"""What a filter of this package is: one state space, or several in a row, with its start and what it estimates.
 
 A state space says besides its equations how far its states may be off at start (`prior`), and what of the car's motion
 it tells (`motion`), by the names in `MOTION`.
@@ -98,12 +98,12 @@ class Definition:
     def of(
         cls, system: NavigationSpace, *measurements: Measurement, remembered: tuple[Remembered, ...] = ()
     ) -> Definition:
-        """Of one extended Kalman filter."""
+        """Definition of a filter that is one extended Kalman filter."""
         return cls({"": (system, measurements)}, remembered=remembered)
 
     @property
     def is_cascade(self) -> bool:
-        """Whether it is several filters in a row."""
+        """True if it is several filters in a row."""
         return len(self.parts) > 1
 
     def make(self, numbers: Mapping[str, float]) -> Filter:

@@ -154,7 +154,7 @@ class ObserverNode(SensingNode[_OwnParameters]):
             )
 
     def _announce(self, car: Vehicle) -> None:
-        """What tells others where the car's frames are."""
+        """Set up the transforms and the description that say where the car's frames are."""
         p = self.parameters
         names = {"map": p.map_frame, "odom": p.odom_frame, "base_link": p.base_frame}
         every = ("cog", *(f"contact_{wheel}" for wheel in WHEELS), *(frame.name for frame in sensor_frames(car)))
@@ -254,7 +254,7 @@ class ObserverNode(SensingNode[_OwnParameters]):
         return None
 
     def _due(self, stamp: int) -> bool:
-        """Whether an estimate for this time may be published; half an interval of jitter costs none of them."""
+        """True if an estimate for this time may be published; half an interval of jitter costs none of them."""
         if stamp < self._next_due - 2 * self._interval:  # the clock went back
             self._next_due = stamp
         return stamp >= self._next_due

@@ -23,7 +23,7 @@ _ANYWHERE = 100.0  # [m] standard deviation of a position of which nothing is kn
 
 
 class Alignment:
-    """Of the filter on a timeline; `known` once the heading is."""
+    """The heading of the filter on a timeline; `known` once it is."""
 
     def __init__(self, filter: CarFilter, timeline: Timeline, intake: Intake[SensorBase]) -> None:
         self._filter, self._timeline, self._intake = filter, timeline, intake
@@ -43,7 +43,7 @@ class Alignment:
                 self.align(event)
 
     def helps(self, event: Event) -> bool:
-        """Whether a measurement may correct a filter that does not know its heading, or has told it just now."""
+        """True if a measurement may correct a filter that does not know its heading, or has just determined it."""
         sensor = self._sensors[event.sensor]
         if not sensor.on_map:
             return True
@@ -55,7 +55,7 @@ class Alignment:
         return False
 
     def astray(self, velocity: Event) -> bool:
-        """Whether the heading is wrong: the car, or its wheels, are as fast as GNSS says, yet all that is seen on the
+        """True if the heading is wrong: the car, or its wheels, are as fast as GNSS says, yet all that is seen on the
         map is refused; a filter with a wrong heading does not keep its speed for long."""
         if "course" not in self._sensors[velocity.sensor].tells:
             return False

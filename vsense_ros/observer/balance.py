@@ -109,7 +109,7 @@ class Balance:
         return found
 
     def diagnostic(self) -> Diagnostic:
-        """Whether the forces have added up in the last `MEMORY`."""
+        """One line on how well the forces have added up in the last `MEMORY`."""
         if not self._stamp or not self._since:
             nothing = self._value is not None and not self._told.any()
             text = f"not compared: {self.sensor} lacks the axes" if nothing else "nothing to compare yet"

@@ -47,7 +47,7 @@ class Beginning:
 
     @property
     def tells_speed(self) -> bool:
-        """Whether a sensor has sent that could tell the speed."""
+        """True if a sensor has sent that could measure the speed."""
         return any(self._intake.sensors[i].tells_speed for i in self._first)
 
     def clear(self) -> None:
@@ -75,7 +75,7 @@ class Beginning:
         return Start(stamp, speeds[0], kinds)
 
     def doubts(self, event: Event) -> bool:
-        """Whether a measurement tells another speed than most sensors do; it is then refused."""
+        """True if a measurement gives another speed than most sensors do; it is then refused."""
         sensor = self._intake.sensors[event.sensor]
         speed = sensor.first_speed(event.value, self._vehicle.physics)
         if speed is None or not isfinite(speed):

@@ -93,12 +93,12 @@ class Estimate:
 
     @property
     def position(self) -> Array:
-        """Of cog in the map, (3,) [m]."""
+        """Position of cog in the map, (3,) [m]."""
         return position_on_map(self.state, self.state[..., DISTURB])
 
     @property
     def orientation(self) -> Array:
-        """Of the body in the map, a quaternion x, y, z, w (4,)."""
+        """Orientation of the body in the map, a quaternion x, y, z, w (4,)."""
         return orientation_on_map(self.state, self.state[..., DISTURB])
 
     @property
@@ -113,12 +113,12 @@ class Estimate:
 
     @property
     def velocity(self) -> Array:
-        """Of cog in body axes, (3,) [m/s]."""
+        """Velocity of cog in body axes, (3,) [m/s]."""
         return self.state[..., TWIST][..., VELOCITY]
 
     @property
     def rates(self) -> Array:
-        """Of the body, (3,) [rad/s]."""
+        """Angular velocity of the body, (3,) [rad/s]."""
         return self.state[..., TWIST][..., RATES]
 
     @property
@@ -128,12 +128,12 @@ class Estimate:
 
     @property
     def angular_acceleration(self) -> Array:
-        """Of the body, (3,) [rad/s²]."""
+        """Angular acceleration of the body, (3,) [rad/s²]."""
         return self.udot[..., RATES]
 
     @property
     def parameter_names(self) -> tuple[str, ...]:
-        """Of the slowly varying quantities, (k,)."""
+        """Names of the slowly varying quantities, (k,)."""
         return self.names[DISTURB.start :]
 
     @property
@@ -185,8 +185,8 @@ class Estimate:
 
 
 def _on_map(covariance: Array) -> Array:
-    """Of position and attitude on the map (6, 6), to first order: height, roll and pitch are those over the road and
-    those of the road."""
+    """Covariance of position and attitude on the map (6, 6), to first order: height, roll and pitch are those over
+    the road and those of the road."""
     return _OVER_AND_OF_ROAD @ covariance[_POSE_AND_ROAD] @ _OVER_AND_OF_ROAD.T
 
 
@@ -222,7 +222,7 @@ def _fill_variances(e: Estimate, car: CarBlocks, belief: Array) -> None:
 
 
 def _cross(a: Array, b: Array) -> Array:
-    """Of vectors along the last axis, in a fraction of the time that `numpy.cross` takes."""
+    """Cross product of vectors along the last axis, in a fraction of the time that `numpy.cross` takes."""
     result = a[..., _NEXT] * b[..., _AFTER_NEXT]
     result -= a[..., _AFTER_NEXT] * b[..., _NEXT]
     return result
@@ -262,7 +262,7 @@ def with_lateral_error(wheels: Array, force: Array, steering: Array | float, axl
 
 
 def _shares(load: Array) -> Array:
-    """Of vertical forces (…, 4) [N], each wheel's share of its axle's (…, 2, 2); zero where an axle has none."""
+    """Share of each wheel in its axle's vertical force (…, 2, 2), of forces (…, 4) [N]; zero where there is none."""
     load = load.reshape(*load.shape[:-1], 2, 2)
     total = load.sum(axis=-1, keepdims=True)
     return np.asarray(load / np.where(total > 0, total, np.inf))

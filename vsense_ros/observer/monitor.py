@@ -1,4 +1,4 @@
-"""Whether the model still fits, during the drive: what an observer's innovations and force errors come to over a while.
+"""Monitoring the fit of the model during the drive, by an observer's innovations and force errors over a while.
 
 If model and settings are right, an observer's innovations are white, of unit deviation, and the generalized forces that
 it finds missing, its estimates of the road and of the sensors' errors stay near zero (Kailath 1968; Mehra & Peschon
@@ -307,7 +307,7 @@ class Monitor:
 
 
 def _sums(values: Array) -> Array:
-    """Of values and of squares of each column, and how many there are, (3, m)."""
+    """Sums of values and of squares of each column, and how many there are, (3, m)."""
     return np.array([values.sum(axis=0), (values**2).sum(axis=0), np.full(values.shape[1], len(values))])
 
 
@@ -316,7 +316,7 @@ def _clock(stamp: int) -> str:
 
 
 def _unit(name: str) -> str:
-    """Of a disturbance that the model has among its states."""
+    """Unit of a disturbance that the model has among its states."""
     return "-" if name == "radius_error" else "rad"
 
 

@@ -51,7 +51,7 @@ class RoadMap:
 
     @classmethod
     def of(cls, vehicle: Vehicle, on_map: Map) -> RoadMap | None:
-        """Of a vehicle file that has profiles, and a sensor that tells where the car is; None of others."""
+        """The map of a vehicle file that has profiles, and a sensor of the position; None for others."""
         placed = any("position" in sensor.tells for sensor in vehicle.sensors.values())
         return cls(vehicle, on_map) if placed and any(map(_rows, vehicle.physics.effects.present())) else None
 

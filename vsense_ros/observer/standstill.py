@@ -31,7 +31,7 @@ class Standstill:
 
     @property
     def known(self) -> bool:
-        """Whether the car has stood since the start."""
+        """True if the car has stood since the start."""
         return self._precision > 0
 
     @property

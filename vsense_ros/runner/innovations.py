@@ -25,7 +25,7 @@ Array = NDArray[np.float64]
 
 
 def innovations(recording: Recording, vehicle: Vehicle) -> dict[str, Innovations]:
-    """Of each sensor with messages in a recording, by name.
+    """Innovations of each sensor with messages in a recording, by name.
 
     The filter is the errorEKF. Messages are taken in order of measurement, not of arrival, so that each innovation is
     given all that was measured before it; what the observer goes back for and does again does not count again. Raises

@@ -77,8 +77,8 @@ class KinematicAdapter(Adapter):
         return [Channel(k, largest_nis(one.gate, len(one.deviations()))) for k, one in self.sensors.items()]
 
     def timed(self, event: Event) -> Event:
-        """Of a sensor that only drives the filter, half a period earlier, so that what is held from then on is the
-        mean."""
+        """The reading of a sensor that only drives the filter, half a period earlier, so that the value which is held
+        from then on is the mean."""
         if self._holds[event.sensor]:
             period = event.stamp - self._last.get(event.sensor, event.stamp)
             self._last[event.sensor] = event.stamp

@@ -1,4 +1,4 @@
-"""Whether the place on the map is known: told by a sensor, dead-reckoned, or lost."""
+"""How the place on the map is known: measured by a sensor, dead-reckoned, or lost."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ _STEADY = 5.0  # [s] that positions must keep coming before it counts as told ag
 
 
 class Place(Enum):
-    """What the place on the map is known by."""
+    """How the place on the map is known."""
 
     TOLD = "position told"
     RECKONED = "dead reckoning"
@@ -19,7 +19,7 @@ class Place(Enum):
 
 
 class Placement:
-    """Of a car with a sensor of its position; times are stamps [ns]."""
+    """How well the place of a car with a position sensor is known; times are stamps [ns]."""
 
     def __init__(self) -> None:
         self.forget()
@@ -49,7 +49,7 @@ class Placement:
         return (now - self._last) * 1e-9
 
     def at(self, now: int) -> Place:
-        """What the place is known by; who comes and goes is not told for good."""
+        """How the place is known now; a sensor that comes and goes does not count as back at once."""
         if not self._last:
             return Place.NEVER
         age = self.age(now)

@@ -19,11 +19,11 @@ _sum = np.add.reduce
 
 
 class Sums:
-    """Of the whitened innovations of a sensor with m components over the last blocks: `totals` and `counts` (4, m) of
-    each of `WINDOWS`.
+    """Sums of the whitened innovations of a sensor over the last blocks: `totals` and `counts` (4, m) for each of
+    `WINDOWS`, where m are its axes and the conditions behind them.
 
     It is called with every message: all views are made ahead, and beside its total each component has its number times
-    `VOTE.alarm`², so that one product tells what a sum is to be held against.
+    its `alarm`², so that one product gives the limit of each squared sum.
     """
 
     def __init__(self, axes: int, conditions: int = 0) -> None:
@@ -49,7 +49,7 @@ class Sums:
         self._row, self._blocks[:], self._windows[:], self.begun = 0, 0.0, 0.0, False
 
     def forget(self, component: int) -> None:
-        """All that a component has said."""
+        """Forget the innovations of one component."""
         self._rows[:, component] = 0.0
         for part in (self._blocks, self._windows):
             part[:, [component, self._components + component]] = 0.0

@@ -1,4 +1,4 @@
-"""What a drive has told a filter of this room of its states, when, and in which kind of motion.
+"""What a drive has determined of a filter's states, when, and in which kind of motion.
 
 A state counts as told once its standard deviation is half of that at start. Which motion told it is where the logarithm
 of the deviation fell. Combinations of which nothing was told are those of the observability Gramian
@@ -39,7 +39,7 @@ _SLOWEST, _PUSH = 0.5, 0.5  # [m/s] above which a car moves, [m/s²] above which
 
 @dataclass(frozen=True)
 class State:
-    """Of one element of a filter's error [SI]: standard deviations at start and end; when it was told [s], None if it
+    """One element of a filter's error [SI]: standard deviations at start and end; when it was told [s], None if it
     was not; and the motion in which most was."""
 
     name: str
@@ -56,8 +56,11 @@ class State:
 
 @dataclass(frozen=True)
 class Told:
-    """Of one drive and filter. `t` (n,) [s] from the start, `deviations` (n, e), `motion` (n,) places in `MOTIONS`.
-    `untold` are combinations of which little was told, weakest first; None where the filter is a cascade."""
+    """What one drive has determined of a filter's states.
+
+    `t` (n,) [s] from the start, `deviations` (n, e), `motion` (n,) places in `MOTIONS`.
+    `untold` are combinations of which little was determined, weakest first; None where the filter is a cascade.
+    """
 
     states: tuple[State, ...]
     t: Array

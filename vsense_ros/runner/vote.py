@@ -46,7 +46,7 @@ Array = NDArray[np.float64]
 
 
 class Found(NamedTuple):
-    """What the others say without some axes of a sensor: `gain` is Δ, `disagreement` the mean of the squares of the
+    """A vote of the others without some axes of a sensor: `gain` is Δ, `disagreement` the mean of the squares of the
     whitened innovations of that sensor which agrees least."""
 
     gain: float
@@ -203,7 +203,7 @@ class Vote:
         self._heard = now
 
     def _look_for_frozen(self, axes: Axes) -> None:
-        """Whether an axis is frozen."""
+        """Note the axes that have repeated their value too often."""
         axes.looked, newest = 0, axes.newest
         if len(newest) < VOTE.frozen:
             return
@@ -234,7 +234,7 @@ class Vote:
         self._tell(axes.index, f"{axes.words[axis]} {why}: not believed any more")
 
     def _ask(self, axes: Axes, event: Event) -> None:
-        """What those that are out would say, and whether they agree by now."""
+        """Compare the axes that are out with what is expected, and believe those again that agree by now."""
         now = event.stamp
         if now - axes.asked < VOTE.asked:
             return
@@ -266,7 +266,7 @@ class Vote:
     # A vote
 
     def due(self, now: int) -> bool:
-        """Whether something is to be decided."""
+        """True if something is to be decided."""
         return bool(self._frozen or self._jumped) or (
             self._alarm is not None
             and self._heard > self._voted
@@ -335,7 +335,7 @@ class Vote:
     def _without(
         self, timeline: Timeline, since: int, everybody: dict[int, Array], axes: Axes, left: list[int]
     ) -> Found:
-        """What the others say without some axes of a sensor."""
+        """Let the others vote without some axes of a sensor."""
         without = self._scores(timeline, since, (axes.index, left))
         found = Found(-np.inf, np.inf, axes, left)
         if without is None:
@@ -353,8 +353,8 @@ class Vote:
         return Found(gain, disagreement, axes, left)
 
     def _scores(self, timeline: Timeline, since: int, without: tuple[int, list[int]] | None) -> dict[int, Array] | None:
-        """Of each sensor (3, m): Σ (w² + 2 ln d), Σ w² and number of each component since a time, if some axes of one
-        sensor had not been there."""
+        """Scores of each sensor (3, m): Σ (w² + 2 ln d), Σ w² and number of each component since a time, as if some
+        axes of one sensor had not been there."""
         scores: dict[int, Array] = {}
 
         def act(event: Event) -> None:
