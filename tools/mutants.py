@@ -1,10 +1,12 @@
-"""How many mutants of a package its own fast tests kill: python tools/mutants.py PACKAGE TESTS [--sample 40].
+"""How many mutants of packages their own fast tests kill: python tools/mutants.py [PACKAGE TESTS] [--sample 40].
+
+Without a package, those in `PACKAGES` are examined, as `make exam` does, and the result goes to out/mutants.json.
 
 A mutant is the package with one arithmetic operator, comparison or condition turned into its opposite (DeMillo, Lipton
 & Sayward 1978); it is killed when a test fails. Cosmic Ray finds the places, writes the mutants and runs the tests;
 this draws a sample of them, makes each in a copy of the tree, and begins with the tests that are nearest to what is
 mutated. It prints a line for each, writes JSON with `--json FILE`, and ends with 1 where fewer than `--least` percent
-are killed.
+of a package's are killed.
 """
 
 from __future__ import annotations
@@ -41,6 +43,14 @@ OPERATORS = (
     "core/ReplaceUnaryOperator_Delete_Not",
     "core/ReplaceUnaryOperator_Delete_USub",
 )
+PACKAGES = {
+    "vsense_ros/estimation": "test/estimation",
+    "vsense_ros/checks": "test/checks",
+    "vsense_ros/runner": "test/runner",
+    "vsense_ros/messages": "test/messages",
+    "vsense_ros/driver": "test/driver",
+}
+LEAST = 85.0  # percent that tests kill which would notice: what is alive then is mostly equivalent (Jia & Harman 2011)
 COPIED = ("vsense_ros", "test", "tools", "config", "bags", "docs", "hw", "launch", "studies", "exam")
 SINGLE = ("pyproject.toml", "setup.py", "setup.cfg", "package.xml", "README.md", "CHANGELOG.md")
 SLACK = 30.0  # [s] beside three times what the tests take without a mutant, after which they count as failed
@@ -86,12 +96,12 @@ def copy_tree(target: Path) -> None:
 def test_command(place: Path, tests: str, changed: str | None, imported: dict[str, set[str]]) -> str:
     """The fast tests, those first that are nearest to the changed file."""
     every = [str(file.relative_to(place)) for file in sorted((place / tests).rglob("test_*.py"))]
-    near = [] if changed is None else [file for file in nearest([changed], imported) if file in every]
+    near = [] if changed is None else [file for file in nearest([changed], imported, ROOT) if file in every]
     files = [*near, *(file for file in every if file not in near)]
-    options = "-x -q -m 'not slow' --no-header -p no:cacheprovider --durations=0 --durations-min=99"
-    python = f"env PYTHONPATH={shlex.quote(str(place))} {shlex.quote(sys.executable)}"
-    where = f"--rootdir={place} -c {place}/pyproject.toml"
-    return f"{python} -m pytest {where} {options} {' '.join(str(place / file) for file in files)}"
+    options = "-x -q -m 'not slow and not exam' --no-header -p no:cacheprovider --durations=0 --durations-min=99"
+    where = shlex.quote(str(place))  # also the working folder, which Python searches first
+    python = f"env --chdir={where} PYTHONPATH={where} {shlex.quote(sys.executable)}"
+    return f"{python} -m pytest {options} {' '.join(files)}"
 
 
 def described(mutant: MutationSpec) -> dict[str, object]:
@@ -112,7 +122,7 @@ def examine(package: str, tests: str, sample: int, seed: int, at: list[str], wor
     drawn = mutants(ROOT / package, at)
     if sample < len(drawn):
         drawn = sorted(random.Random(seed).sample(drawn, sample), key=lambda one: (one.module_path, one.start_pos))
-    imported = imports()
+    imported = imports(ROOT)
     with tempfile.TemporaryDirectory() as folder:
         copies: Queue[Path] = Queue()
         for i in range(workers):
@@ -148,28 +158,39 @@ def examine(package: str, tests: str, sample: int, seed: int, at: list[str], wor
 def main() -> None:
     """Command line."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("package", help="folder of the package, as vsense_ros/estimation")
-    parser.add_argument("tests", help="folder of its tests, as test/estimation")
-    parser.add_argument("--sample", type=int, default=40, help="number of mutants (40)")
+    parser.add_argument("package", nargs="?", help="folder of the package, as vsense_ros/estimation")
+    parser.add_argument("tests", nargs="?", help="folder of its tests, as test/estimation")
+    parser.add_argument("--sample", type=int, default=40, help="number of mutants of a package (40)")
     parser.add_argument("--seed", type=int, default=1, help="of the random sample (1)")
     parser.add_argument("--at", action="append", default=[], metavar="FILE:LINE", help="only mutants of this line")
     parser.add_argument("--workers", type=int, default=os.cpu_count() or 1, help="mutants at a time (one a processor)")
-    parser.add_argument("--least", type=float, default=0.0, help="percentage that must be killed")
-    parser.add_argument("--json", type=Path, help="file for the result")
+    parser.add_argument("--least", type=float, default=LEAST, help=f"percentage that must be killed ({LEAST:g})")
+    parser.add_argument("--json", type=Path, default=ROOT / "out/mutants.json", help="file for the result")
     given = parser.parse_args()
-    for folder in (given.package, given.tests):
+    if given.package and not given.tests:
+        parser.error("name the folder of the tests, too")
+    packages = {given.package: given.tests} if given.package else PACKAGES
+    for folder in (part for pair in packages.items() for part in pair):
         if not (ROOT / folder).is_dir():
             parser.error(f"there is no folder {folder} in {ROOT}")
-    found = examine(given.package, given.tests, given.sample, given.seed, given.at, given.workers)
-    if not found:
-        parser.error("no mutant there")
-    percent = 100 * sum(bool(one["killed"]) for one in found) / len(found)
-    print(f"{given.package}: {percent:.0f} % of {len(found)} mutants killed by {given.tests}")
-    if given.json:
-        given.json.parent.mkdir(parents=True, exist_ok=True)
-        document = {"package": given.package, "tests": given.tests, "killed_percent": percent, "mutants": found}
-        given.json.write_text(json.dumps(document, indent=1) + "\n", encoding="utf-8")
-    sys.exit(percent < given.least)
+    rows: list[dict[str, object]] = []
+    percent = {}
+    for package, tests in packages.items():
+        own = examine(package, tests, given.sample, given.seed, given.at, given.workers)
+        if not own:
+            parser.error(f"no mutant in {package}")
+        percent[package] = killed_percent(own)
+        print(f"{package}: {percent[package]:.0f} % of {len(own)} mutants killed by {tests}", flush=True)
+        rows += own
+    document = {"killed_percent": killed_percent(rows), "packages": percent, "mutants": rows}
+    given.json.parent.mkdir(parents=True, exist_ok=True)
+    given.json.write_text(json.dumps(document, indent=1) + "\n", encoding="utf-8")
+    sys.exit(any(value < given.least for value in percent.values()))
+
+
+def killed_percent(rows: list[dict[str, object]]) -> float:
+    """Share of the mutants that were killed [%]."""
+    return 100 * sum(bool(one["killed"]) for one in rows) / len(rows)
 
 
 if __name__ == "__main__":

@@ -278,7 +278,7 @@ def test_a_parameter_at_its_bound_is_a_warning(vehicle: Vehicle) -> None:
 
     assert said()[0] == "OK"
     spi.values[:] = 710.0
-    assert said() == ("WARN", "at its bound: chassis.mass; told so far: nothing; not yet: chassis.mass")
+    assert said() == ("WARN", "at its bound: chassis.mass; determined so far: nothing; not yet: chassis.mass")
 
 
 @pytest.mark.parametrize("kind", ["ekf", "ukf"])
@@ -296,7 +296,7 @@ def test_parameters_are_published_with_their_deviations_and_the_diagnostics_tell
     assert 0 < known[FRICTION] <= 0.2
     diagnostic = next(d for d in observer.diagnostics() if d.name == "parameters")
     assert MASS in diagnostic.values
-    assert "of 2" in diagnostic.values["independent combinations told"]
+    assert "of 2" in diagnostic.values["independent combinations determined"]
     assert MASS in diagnostic.message
 
 

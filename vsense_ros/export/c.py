@@ -86,7 +86,7 @@ class Observer:
 
     @classmethod
     def of(cls, vehicle: Vehicle) -> Observer:
-        """Raises `InputError` where the sensors' names cannot be told apart in C, or cannot tell a parameter."""
+        """Raises `InputError` where the sensors' names are equal in C, or cannot determine a parameter."""
         sensors = sensors_of(vehicle)
         names = [identifier(name) for name in sensors]
         if twice := sorted({name for name in names if names.count(name) > 1}):
@@ -343,7 +343,7 @@ class Contents:
         predicted = "v->sensitivity, v->parameter_covariance, v->by_estimates, drift, to->gain"
         kinematics = ", ".join(f"filter->model.{name}" for name in ("by_angles", "by_velocity", "by_road", "road_map"))
         predicted += f", {kinematics}, filter->length, to->decay"
-        found = ", ".join(f"sensor->{name}" for name in ("projected", "gained", "told", "spread"))
+        found = ", ".join(f"sensor->{name}" for name in ("projected", "gained", "right", "spread"))
         found += ", v->information, v->estimates, lower, upper"
         made = ", ".join(f"found->{name}" for name in ("estimates", "covariance", "sensitivity", "information"))
         made += ", sensor->change, sensor->accelerations"
@@ -381,7 +381,7 @@ class Contents:
         sensed = ", ".join(f"sensed->{result}" for result in _SENSED[1:])
         seen = f"seen_{c_name}({self._filter_arguments()}, v->by_estimates, {biases}, {constants}, "
         seen += f"sensor->variance, model->whitened, model->factor, {sensed}, "
-        seen += "sensor->told_of, sensor->gained, sensor->told, sensor->spread);"
+        seen += "sensor->weighted, sensor->gained, sensor->right, sensor->spread);"
         return {
             "name": c_name,
             "meaning": (type(sensor).__doc__ or "").strip().splitlines()[0],

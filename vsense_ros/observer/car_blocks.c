@@ -75,8 +75,8 @@ struct sensor {
     struct sensed sensed;
     /* What it tells of the parameters: `width` columns. */
     long long width;
-    double *variance, *told_of;     /* m, argument of `run_seen`; n x width, its result, ... */
-    double *gained, *told, *spread; /* ... with these, which go on to `run_learn`: width x width, width, k x width */
+    double *variance, *weighted;     /* m, argument of `run_seen`; n x width, its result, ... */
+    double *gained, *right, *spread; /* ... with these, which go on to `run_learn`: width x width, width, k x width */
     double *projected;              /* n x width, argument of `run_learn` */
     struct known found;             /* its results: what is known now, ... */
     double *change, *accelerations; /* ... and changes: n, of the state, accelerations in place of the forces; 14 */
@@ -429,7 +429,7 @@ static void learn(const struct filter *filter, const struct sensor *sensor, cons
     run_seen(filter, sensor);
     for (int k = 0; k < n; k++) rows[k] = filter->model.covariance + k * n;
     for (int a = 0; a < width; a++) {
-        for (int k = 0; k < n; k++) factors[k] = sensor->told_of[k * width + a];
+        for (int k = 0; k < n; k++) factors[k] = sensor->weighted[k * width + a];
         memset(column, 0, sizeof column);
         combine(n, column, n, factors, rows);
         for (int k = 0; k < n; k++) sensor->projected[k * width + a] = column[k];

@@ -97,20 +97,20 @@ class _Sensor(ctypes.Structure):
 
     _fields_ = [
         *(("index", _COUNT), ("sensed", SensedStructure), ("width", _COUNT)),
-        *((name, ADDRESS) for name in ("variance", "told_of", "gained", "told", "spread", "projected")),
+        *((name, ADDRESS) for name in ("variance", "weighted", "gained", "right", "spread", "projected")),
         *(("found", _Known), ("change", ADDRESS), ("accelerations", ADDRESS)),
     ]
 
 
 @dataclass(frozen=True)
 class Learned:
-    """How one sensor tells of parameters: the functions of a parameter filter, and what they are bound to."""
+    """How one sensor corrects parameters: the functions of a parameter filter, and what they are bound to."""
 
     seen: Kernel
     variance: Array  # (m,)
     whitened: Array  # (m,) and
     factor: Array  # (m m,) as the errorEKF's correction leaves them
-    told_of: Array  # Hᵀ R⁻¹ Y, (n, p)
+    weighted: Array  # Hᵀ R⁻¹ Y, (n, p)
     projected: Array  # P times that, (n, p)
     learn: Kernel
     learned: Array  # its results: what the parameter filter knows now,
@@ -186,8 +186,8 @@ class CarOperations(Operations):
         count, size = len(columns), len(arrays["added"]) // len(columns)
         for name, learned in sensors.items():
             sensor, _ = self._bound_sensors[name]
-            sensor.width = learned.told_of.shape[1]
-            for part in ("variance", "projected", "change", "told_of"):
+            sensor.width = learned.weighted.shape[1]
+            for part in ("variance", "projected", "change", "weighted"):
                 setattr(sensor, part, getattr(learned, part).ctypes.data)
             sensor.found, sensor.accelerations = _Known.of(learned.learned, count, size), learned.udot.ctypes.data
         names = ("physical", "decay", "moved", "grown", "added")

@@ -181,18 +181,18 @@ class ParameterFilter(ABC):
         and the changes of the state (n) and of the accelerations (14).
 
         P is the covariance that the errorEKF has corrected. `information` (k×k) is the sum of Tᵀ C⁻¹ T, what the
-        measurements so far tell of the parameters whatever state and forces were.
+        measurements so far determine of the parameters whatever state and forces were.
         """
         n, k, p = self.size, self.count, self.width
         effect, pv = ca.SX.sym("effect", COORDINATES, k), ca.SX.sym("PV", p, n)
-        g, told, d = ca.SX.sym("G", p, p), ca.SX.sym("g", p), ca.SX.sym("D", k, p)
+        g, right, d = ca.SX.sym("G", p, p), ca.SX.sym("g", p), ca.SX.sym("D", k, p)
         information = ca.SX.sym("J", k, k)
         theta, lower, upper = ca.SX.sym("theta", k), ca.SX.sym("lower", k), ca.SX.sym("upper", k)
         s, m = self.sensitivity, self.covariance
-        told_all = told + self.displacement * g[:, 0]
+        displaced = right + self.displacement * g[:, 0]
         factor = ca.chol(ca.SX.eye(p) + g)  # upper triangular R with Rᵀ R
         half = ca.solve(factor.T, d.T)
-        new = theta + half.T @ ca.solve(factor.T, told_all)
+        new = theta + half.T @ ca.solve(factor.T, displaced)
         new = ca.fmin(ca.fmax(new, lower), upper)
         regression = _solve(m, d).T  # Y times this is T
         moved = s - pv.T @ regression
@@ -200,7 +200,7 @@ class ParameterFilter(ABC):
         udot = self.through(change) + effect @ (new - theta)
         return codegen.function(
             "parameters_learn",
-            [*self.arguments, effect, pv, g, told, d, information, theta, lower, upper],
+            [*self.arguments, effect, pv, g, right, d, information, theta, lower, upper],
             [new, half.T @ half, moved, information + regression.T @ g @ regression, change, udot],
             numbered(len(self.arguments) + 9),
         )

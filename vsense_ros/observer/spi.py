@@ -34,19 +34,37 @@ from vsense_ros.observer.state import FORCE, U
 Array = NDArray[np.float64]
 
 FILTERS: dict[str, type[ParameterFilter]] = {"ekf": ParameterEkf, "ukf": ParameterUkf}
-TOLD = 0.5  # a parameter counts as told once its standard deviation is this share of the one at start
-_LEAST = 1e-6  # information of a lively drive on a parameter, over its own size, below which it has no effect
-_STEP = 0.01  # [s] of that drive
+
+
+@dataclass(frozen=True)
+class SpiSettings:
+    """Limits of observability, and the short simulated drive on which parameters without any effect are detected."""
+
+    # A parameter counts as determined once its standard deviation is this share of the one at start [-]: three quarters
+    # of its variance are then explained by measurements.
+    determined_share: float = 0.5
+    # Fisher information of the trial drive on a parameter, over its own size squared [-]; rounding is far below it, and
+    # the parameter with the least effect of all in the vehicle file far above.
+    least_information: float = 1e-6
+    trial_speeds: tuple[float, ...] = (1.0, 8.0, 25.0)  # [m/s]: parking, in town, on a road
+    trial_step: float = 0.01  # [s]
+    trial_steps: int = 30  # at each speed
+    trial_steering: float = 0.08  # [rad], amplitude: beyond the linear range of tyres at 25 m/s
+    trial_torque: float = 150.0  # [N m], amplitude at each rear wheel
+    trial_rate: float = 0.4  # [rad], phase of steering and torques in a step: a period of 0.16 s
+
+
+SETTINGS = SpiSettings()
 
 
 @dataclass(frozen=True)
 class Observability:
-    """What a recording so far tells of the parameters, whatever state and forces were.
+    """What a recording so far determines of the parameters, whatever state and forces were.
 
-    `deviation` (k,) are the standard deviations, `share` (k,) the same over those at start. `information` (k,) are the
+    `deviation` (k,) are the standard deviations, `share` (k,) these over those at start. `information` (k,) are the
     eigenvalues of the Fisher information in units of what was known at start: one of 3 halves a standard deviation, and
     those above 1 count in `rank`. `correlation` (k, k) is that of the errors now: close to ±1 where only a combination
-    is told.
+    is determined.
     """
 
     names: tuple[str, ...]
@@ -56,19 +74,20 @@ class Observability:
     correlation: Array
 
     @property
-    def told(self) -> tuple[str, ...]:
+    def determined(self) -> tuple[str, ...]:
         """Parameters that are known at least twice as well as at start."""
-        return tuple(name for name, share in zip(self.names, self.share, strict=True) if share <= TOLD)
+        limit = SETTINGS.determined_share
+        return tuple(name for name, share in zip(self.names, self.share, strict=True) if share <= limit)
 
     @property
     def rank(self) -> int:
-        """Number of independent combinations of parameters of which the recording tells more than was known."""
+        """Number of independent combinations of parameters that the recording determines better than the start."""
         return int(np.sum(self.information > 1))
 
     def __str__(self) -> str:
-        rest = [name for name in self.names if name not in self.told]
-        told = f"told so far: {', '.join(self.told) or 'nothing'}"
-        return told + (f"; not yet: {', '.join(rest)}" if rest else "")
+        rest = [name for name in self.names if name not in self.determined]
+        words = f"determined so far: {', '.join(self.determined) or 'nothing'}"
+        return words + (f"; not yet: {', '.join(rest)}" if rest else "")
 
 
 def numbers_kept(size: int, count: int) -> int:
@@ -79,10 +98,10 @@ def numbers_kept(size: int, count: int) -> int:
 class Spi(CarFilter):
     """The errorEKF of a vehicle whose file lists `observer.parameters`, with the filter of these.
 
-    `car` has room for `numbers_kept`. The covariance of the car is that of the state for known parameters,
+    `car` has place for `numbers_kept`. The covariance of the car is that of the state for known parameters,
     `parameter_covariance` (k, k) that of the parameters, and `sensitivity` (n, k) what couples them. `information`
-    (k, k) is what the measurements since the start told of the parameters, the inverse of the covariance they alone
-    would give. `kind` finds what the parameters do: by derivatives, or by sigma points.
+    (k, k) is the Fisher information of the measurements since the start on the parameters, the inverse of the
+    covariance they alone would give. `kind` finds the effect of the parameters: by derivatives, or by sigma points.
     """
 
     def __init__(self, car: CarBlocks, kind: type[ParameterFilter]) -> None:
@@ -100,7 +119,7 @@ class Spi(CarFilter):
         self._operations = car.operations
         if car.operations is not None and not self._compile(car.operations):
             self._operations = self._state_filter._operations = None
-        self._refuse_what_cannot_be_told()
+        self._refuse_unobservable()
 
     def _take_settings(self) -> None:
         settings = self.car.vehicle.observer.parameters.values()
@@ -145,7 +164,7 @@ class Spi(CarFilter):
             self._seen[name] = self._learner(name, seen, functions["parameters_learn"], arguments)
 
     def _learner(self, name: str, seen: ca.Function, learn: ca.Function, arguments: Sequence[Array]) -> Learned:
-        """How a sensor tells of the parameters."""
+        """The functions by which a sensor corrects the parameters, bound to arrays."""
         car, effect, sensed = self.car, self._by_parameters, self.car.sensed[name]
         variance = car.sensor_list[sensed.index].deviations() ** 2
         size = len(variance)
@@ -153,14 +172,14 @@ class Spi(CarFilter):
         jacobians = [r.reshape(-1, order="F") for r in sensed.kernel.results[1:]]
         measured = [car.mean[sensed.biases], sensed.mounting, variance, whitened, factor, *jacobians]
         sees = Kernel(seen, [*arguments, effect, *measured])
-        g, told, d = (r.reshape(-1, order="F") for r in sees.results[1:])
-        told_of, projected = sees.results[0].T, np.zeros(sees.results[0].T.shape)
+        g, right, d = (r.reshape(-1, order="F") for r in sees.results[1:])
+        weighted, projected = sees.results[0].T, np.zeros(sees.results[0].T.shape)
         known, n = len(self._learned), car.layout.size
         learned = np.zeros(known + n + COORDINATES)
-        found = [projected.reshape(-1), g, told, d, self._information, self.values, self.lower, self.upper]
-        learns = Kernel(learn, [*arguments, effect, *found], learned)
-        told, change, udot = np.split(learned, [known, known + n])
-        return Learned(sees, variance, whitened, factor, told_of, projected, learns, told, change, udot)
+        given = [projected.reshape(-1), g, right, d, self._information, self.values, self.lower, self.upper]
+        learns = Kernel(learn, [*arguments, effect, *given], learned)
+        corrected, change, udot = np.split(learned, [known, known + n])
+        return Learned(sees, variance, whitened, factor, weighted, projected, learns, corrected, change, udot)
 
     def _compile(self, operations: CarOperations) -> bool:
         """Let C do all this; False if any of it is not compiled."""
@@ -177,16 +196,19 @@ class Spi(CarFilter):
         }
         return operations.learn((self._effect, self._spread), self._drifts, self._columns, arrays, self._seen)
 
-    def _refuse_what_cannot_be_told(self) -> None:
-        """Drive a little and see what the sensors would tell if state and forces were known: no less can they tell.
+    def _refuse_unobservable(self) -> None:
+        """Drive a little, and sum the information that sensors have on parameters if state and forces are known: an
+        upper bound.
 
         Raises `InputError` for a parameter without any effect on what is measured.
         """
-        told, scale = np.zeros(len(self.parameter_names)), np.maximum(self.prior_deviation, np.abs(self._initial))
-        for speed in (1.0, 8.0, 25.0):
+        trial, scale = SETTINGS, np.maximum(self.prior_deviation, np.abs(self._initial))
+        amplitude = np.array([trial.trial_steering, 0.0, 0.0, trial.trial_torque, trial.trial_torque])
+        total = np.zeros(len(self.parameter_names))
+        for speed in trial.trial_speeds:
             self.start_rolling(speed)
-            for i in range(30):
-                self.inputs[:] = np.array([0.08, 0.0, 0.0, 150.0, 150.0]) * np.sin(0.4 * i + 0.5)
+            for i in range(trial.trial_steps):
+                self.inputs[:] = amplitude * np.sin(trial.trial_rate * i + 0.5)
                 self.linearize()
                 for name, known in self._seen.items():
                     self.car.sensed[name].kernel.call()
@@ -194,10 +216,10 @@ class Spi(CarFilter):
                     known.seen.call()
                     _, g, _, spread = known.seen.results
                     regression = spread.T @ np.linalg.inv(self.parameter_covariance) * scale
-                    told += np.einsum("pk,pq,qk->k", regression, g, regression)
-                self.predict(_STEP)
-        for name, information in zip(self.parameter_names, told, strict=True):
-            if not information > _LEAST:
+                    total += np.einsum("pk,pq,qk->k", regression, g, regression)
+                self.predict(trial.trial_step)
+        for name, information in zip(self.parameter_names, total, strict=True):
+            if not information > trial.least_information:
                 kinds = ", ".join(sensor.kind for sensor in self.car.sensor_list) or "none"
                 raise InputError(
                     f"{self.car.vehicle.name}: {name} cannot be estimated: it changes nothing that the sensors "
@@ -237,7 +259,7 @@ class Spi(CarFilter):
         self._find_effect()
 
     def _find_effect(self) -> None:
-        """What the parameters do to the accelerations, here."""
+        """Compute the effect of the parameters on the accelerations at the present state."""
         self._effect.call()
 
     def predict(self, h: float) -> None:
@@ -247,7 +269,7 @@ class Spi(CarFilter):
             self._find_effect()
 
     def _move_parameters(self, h: float) -> None:
-        """What a step of `h` [s], which has just been made, changes of what is known of the parameters."""
+        """Propagate the estimates of the parameters through a step of `h` [s], which has just been made."""
         self.car.h[0], self._decay[:] = h, self.car.process(h).decay
         self._spread.call()
         sensitivity, covariance, added = self._spread.results
@@ -261,16 +283,16 @@ class Spi(CarFilter):
     ) -> Innovation:
         innovation = self._state_filter.correct(sensor, value, variance, limit, scale)
         if self._operations is None and scale == 1.0 and innovation.accepted:
-            self._learn(self._seen[sensor], innovation, variance)  # what is forced upon the filter tells nothing
+            self._learn(self._seen[sensor], innovation, variance)  # what is forced upon the filter is no information
         return innovation
 
     def _learn(self, known: Learned, innovation: Innovation, variance: Array) -> None:
-        """What a measurement by which the state has just been corrected tells of the parameters."""
+        """Correct the parameters by a measurement by which the state has just been corrected."""
         car = self.car
         known.variance[:] = variance
         known.whitened[:], known.factor[:] = innovation.whitened, innovation.factor.reshape(-1)
         known.seen.call()
-        np.dot(self.covariance, known.told_of, out=known.projected)
+        np.dot(self.covariance, known.weighted, out=known.projected)
         known.learn.call()
         self._learned[:] = known.learned
         car.parameters[self._columns] = self.values
@@ -299,7 +321,7 @@ class Spi(CarFilter):
         return tuple(name for name, is_there in zip(self.parameter_names, there, strict=True) if is_there)
 
     def observability(self) -> Observability:
-        """What the measurements since the start told of the parameters."""
+        """What the measurements since the start determine of the parameters."""
         prior = self.prior_deviation
         deviation = np.sqrt(np.diag(self.parameter_covariance))
         return Observability(
@@ -320,7 +342,7 @@ def _functions(
 def equations_of(
     made: ParameterFilter, sensors: tuple[SensorBase, ...], biases: tuple[tuple[int, int], ...]
 ) -> list[ca.Function]:
-    """The functions of a parameter filter: what parameters do, a step, and what each sensor that corrects tells."""
+    """The functions of a parameter filter: effect of the parameters, a step, and corrections by each sensor."""
     seen = [
         made.seen(f"seen_{i}", sensor, slice(*where))
         for i, (sensor, where) in enumerate(zip(sensors, biases, strict=True))
