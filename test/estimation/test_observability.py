@@ -41,12 +41,12 @@ def test_speed_alone_never_tells_of_both_biases(yaw_rate: float, rank: int) -> N
 
 def test_what_is_not_told_is_named_in_words() -> None:
     found = driven(0.0, SPEED)
-    assert {str(one) for one in found.untold} == {"lateral", "lateral_bias"}
-    assert found.untold[0].left == pytest.approx(1.0)
+    assert {str(one) for one in found.undetermined} == {"lateral", "lateral_bias"}
+    assert found.undetermined[0].remaining == pytest.approx(1.0)
     sentences = found.sentences()
-    assert sentences[0] == "The measurements tell something of 2 of 4 directions of the state."
-    assert sentences[1].startswith("Little is told of lateral")
-    assert "100 % of its standard deviation are left" in sentences[1]
+    assert sentences[0] == "The measurements have information on 2 of 4 directions of the state."
+    assert sentences[1].startswith("lateral")
+    assert "is hardly determined: 100 % of its standard deviation remain" in sentences[1]
     assert any(line.startswith("forward: standard deviation 1 before the run, ") for line in sentences)
 
 
@@ -58,7 +58,7 @@ def test_a_combination_is_named_with_its_shares() -> None:
     filter.correct(*total.measured([0.0]))
     found = observability(filter)
     assert found.rank == 1
-    assert str(found.untold[0]) == "gyro_bias - 0.5 yaw"
+    assert str(found.undetermined[0]) == "gyro_bias - 0.5 yaw"
     np.testing.assert_allclose(found.directions[1].eigenvalue, 1.25 / 0.01**2)
 
 

@@ -9,14 +9,16 @@ from systems import BOB, COURSE, LINEAR, NONLINEAR, VELOCITY, Attitude, YawKkf, 
 from vsense_ros.errors import InputError
 from vsense_ros.estimation.ekf import Ekf
 from vsense_ros.estimation.filter import Gaussian
-from vsense_ros.estimation.particle import ParticleFilter
+from vsense_ros.estimation.particle import ParticleFilter, ParticleSettings
 
 HEADING = LINEAR["heading"]
 
 
 def particles(name: str = "heading", count: int = 20000) -> ParticleFilter:
     case = {**LINEAR, **NONLINEAR}[name]
-    made: ParticleFilter = case.begun(ParticleFilter(case.system, case.measurements, case.parameters, count=count))
+    made: ParticleFilter = case.begun(
+        ParticleFilter(case.system, case.measurements, case.parameters, ParticleSettings(count))
+    )
     return made
 
 
@@ -100,7 +102,7 @@ def test_put_back_it_draws_the_same_numbers_again_and_others_later() -> None:
 
 
 def test_a_state_that_does_not_move_at_random_stays_exactly() -> None:
-    filter = ParticleFilter(YawKkf(0.0, 0.0), [COURSE], count=100)
+    filter = ParticleFilter(YawKkf(0.0, 0.0), [COURSE], settings=ParticleSettings(100))
     filter.inputs[:] = 0.5
     filter.start(Gaussian(np.array([0.0, 0.0]), np.diag([0.0, 0.0])))
     filter.predict(0.1)

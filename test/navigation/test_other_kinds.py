@@ -10,7 +10,7 @@ import pytest
 from vsense_ros.estimation.dense import Dense
 from vsense_ros.estimation.ekf import Ekf
 from vsense_ros.estimation.filter import Gaussian
-from vsense_ros.estimation.particle import ParticleFilter
+from vsense_ros.estimation.particle import ParticleFilter, ParticleSettings
 from vsense_ros.navigation.heading_bank import HEADING_BANK
 from vsense_ros.navigation.yaw_kkf import HEADING, YawKkf
 
@@ -46,7 +46,7 @@ def test_the_bank_finds_a_heading_of_which_nothing_is_known(heading: float, driv
 def test_particles_of_a_linear_system_come_to_what_the_kalman_filter_says() -> None:
     random = np.random.default_rng(3)
     kalman = Ekf(Dense(YawKkf(), [HEADING], NUMBERS_OF_YAW))
-    particles = ParticleFilter(YawKkf(), [HEADING], NUMBERS_OF_YAW, count=4000)
+    particles = ParticleFilter(YawKkf(), [HEADING], NUMBERS_OF_YAW, ParticleSettings(count=4000))
     start = Gaussian(np.array([0.1, 0.0]), np.diag([0.05, 0.02]) ** 2)
     for one in (kalman, particles):
         one.start(start)
@@ -64,7 +64,7 @@ def test_particles_of_a_linear_system_come_to_what_the_kalman_filter_says() -> N
 
 
 def test_particles_that_are_put_back_do_the_same_again() -> None:
-    filter = ParticleFilter(YawKkf(), [HEADING], NUMBERS_OF_YAW, count=50)
+    filter = ParticleFilter(YawKkf(), [HEADING], NUMBERS_OF_YAW, ParticleSettings(count=50))
     filter.start(Gaussian(np.zeros(2), np.diag([0.1, 0.01]) ** 2))
     kept, found = filter.memory.copy(), []
     for _ in range(2):

@@ -116,7 +116,7 @@ def show(report: Report, console: Console) -> None:
     elif report.told.untold:
         console.print("Combinations that were hardly determined, weakest first (in units of deviations at start):")
         for one in report.told.untold[:5]:
-            console.print(f"  {one}: {100 * one.left:.0f} % left", soft_wrap=True)
+            console.print(f"  {one}: {100 * one.remaining:.0f} % left", soft_wrap=True)
     else:
         console.print("Every combination of states was determined.")
 
@@ -167,7 +167,7 @@ def write(report: Report, path: Path) -> None:
         "filter": report.filter,
         "drive": report.drive,
         "states": [asdict(state) for state in report.told.states],
-        "untold": None if untold is None else [{"direction": str(one), "left": one.left} for one in untold],
+        "untold": None if untold is None else [{"direction": str(one), "left": one.remaining} for one in untold],
         "would_leave": report.would,
     }
     with atomic_write(path) as file:

@@ -61,7 +61,7 @@ class Ekf(GaussianFilter):
     def correct(
         self, sensor: str, value: Array, variance: Array, limit: float = np.inf, scale: float = 1.0
     ) -> Innovation:
-        """As `Filter.correct`. A covariance that is not positive definite any more is told, and begun anew."""
+        """As `Filter.correct`. A covariance that has lost positive definiteness is reported, and reset."""
         if len(variance) != len(value):
             check_variances(sensor, value, variance)
         if self._operations is not None:

@@ -20,7 +20,7 @@ MOST_OUTLIERS = 0.05  # of the messages of a sensor
 class Innovations:
     """Innovations of one sensor on one recording, in order of measurement.
 
-    `whitened` (n, m): each component, less what those before it in the same message tell, in units of its standard
+    `whitened` (n, m): each component, less what those before it in the same message explain, in units of its standard
     deviation, `deviation` (n, m) [units of the sensor]; both NaN where a component was absent. `used` (n,) is False
     where the gate refused the message. `stamp` (n,) is when it was measured [ns].
     """

@@ -1,4 +1,4 @@
-"""What a run of a filter could tell of its state, and what it could not.
+"""Observability of the state in a run of a filter: which directions the measurements determine, and which not.
 
 The observability Gramian G = Σ Φ_kᵀ H_kᵀ R⁻¹ H_k Φ_k, with Φ_k from the start to the k-th measurement, is the
 information that all measurements of a run have of the state at its start if nothing disturbs it (Krener & Ide 2009).
@@ -17,9 +17,20 @@ from vsense_ros.errors import InputError
 from vsense_ros.estimation.filter import Array
 from vsense_ros.estimation.record import Record
 
-TOLD = 1.0  # eigenvalue of σ G σ from which on measurements tell more of a direction than was known
-_ROUNDING = 1e-10  # of the largest eigenvalue: less is rounding
-_SHARE = 0.2  # of the largest component of a direction: smaller ones are not named
+
+@dataclass(frozen=True)
+class ObservabilitySettings:
+    """From which eigenvalue on a direction counts, and how it is named."""
+
+    # Eigenvalue of σ G σ from which on measurements know more of a direction than was known before [-]: at 1 they halve
+    # its variance.
+    determined: float = 1.0
+    rounding: float = 1e-10  # share of the largest eigenvalue [-]: a double's 1e-16, and sums of some thousand terms
+    named_share: float = 0.2  # of the largest component of a direction [-]: smaller ones are not in its name
+    unit_share: float = 0.995  # [-], from which on a component is written without a factor, as it would be 1.0
+
+
+SETTINGS = ObservabilitySettings()
 
 
 @dataclass(frozen=True)
@@ -32,8 +43,8 @@ class Direction:
     names: tuple[str, ...]
 
     @property
-    def left(self) -> float:
-        """Standard deviation that the measurements of the run leave of it, over that before."""
+    def remaining(self) -> float:
+        """Standard deviation after the measurements of the run over that before."""
         return float((1 + max(self.eigenvalue, 0.0)) ** -0.5)
 
     def __str__(self) -> str:
@@ -44,17 +55,20 @@ class Direction:
         words = ""
         for i in order:
             share = sign * self.parts[i] / largest
-            if abs(share) < _SHARE:
+            if abs(share) < SETTINGS.named_share:
                 break
-            size = "" if abs(share) > 0.995 else f"{abs(share):.2g} "
+            size = "" if abs(share) > SETTINGS.unit_share else f"{abs(share):.2g} "
             words += f"{' + ' if share > 0 else ' - '}{size}{self.names[i]}"
         return words.removeprefix(" + ")
 
 
 @dataclass(frozen=True)
 class Observability:
-    """Of one run. `directions` come weakest first; `prior` and `now` (e,) are standard deviations of the errors, before
-    the run and after it, as the filter has them; `rank` counts directions of which anything at all is told."""
+    """Observability of the states in one run.
+
+    `directions` come weakest first; `prior` and `now` (e,) are standard deviations of the errors, before the run and
+    after it, as the filter has them; `rank` counts directions with any information at all.
+    """
 
     names: tuple[str, ...]
     gramian: Array  # scaled, (e, e)
@@ -69,18 +83,18 @@ class Observability:
         return np.divide(self.now, self.prior, out=np.ones_like(self.now), where=self.prior > 0)
 
     @property
-    def untold(self) -> tuple[Direction, ...]:
-        """Directions of which the run tells less than was known before, weakest first."""
-        return tuple(one for one in self.directions if one.eigenvalue < TOLD)
+    def undetermined(self) -> tuple[Direction, ...]:
+        """Directions on which the run has less information than was known before, weakest first."""
+        return tuple(one for one in self.directions if one.eigenvalue < SETTINGS.determined)
 
     def sentences(self) -> list[str]:
         """The report, a sentence a line."""
         count = len(self.names)
-        lines = [f"The measurements tell something of {self.rank} of {count} directions of the state."]
-        for one in self.untold:
+        lines = [f"The measurements have information on {self.rank} of {count} directions of the state."]
+        for one in self.undetermined:
             lines.append(
-                f"Little is told of {one} (in units of prior standard deviations): {100 * one.left:.3g} % of its "
-                "standard deviation are left."
+                f"{one} (in units of prior standard deviations) is hardly determined: {100 * one.remaining:.3g} % of "
+                "its standard deviation remain."
             )
         for name, before, after, ratio in zip(self.names, self.prior, self.now, self.ratio, strict=True):
             lines.append(f"{name}: standard deviation {before:.3g} before the run, {after:.3g} after it ({ratio:.3g}).")
@@ -96,7 +110,7 @@ def observability(record: Record) -> Observability:
     gramian = scaled_gramian(record, prior)
     values, vectors = np.linalg.eigh(gramian)
     directions = tuple(Direction(v, float(w), names) for w, v in zip(values, vectors.T, strict=True))
-    rank = int(np.count_nonzero(values > _ROUNDING * max(values[-1], 1e-300)))
+    rank = int(np.count_nonzero(values > SETTINGS.rounding * max(values[-1], 1e-300)))
     now = np.sqrt(np.diag(record.instants[-1].after.covariance).clip(min=0))
     return Observability(names, gramian, directions, rank, prior, now)
 

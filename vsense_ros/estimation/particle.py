@@ -9,6 +9,7 @@ late measurement makes it go back. States are vectors: ⊞ is +.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 
 import casadi as ca
 import numpy as np
@@ -27,27 +28,35 @@ from vsense_ros.estimation.state_space import (
     title,
 )
 
-_FEW = 0.5  # share of effective particles below which they are drawn anew
-_LEAST = 1e-12  # variance below which a state does not move at random
+
+@dataclass(frozen=True)
+class ParticleSettings:
+    """How many particles there are, and when they are drawn anew."""
+
+    count: int = 500
+    seed: int = 0
+    # Share of effective particles below which they are drawn anew [-] (Arulampalam et al. 2002, section V.A).
+    fewest_effective: float = 0.5
+    least_deviation: float = 1e-12  # [unit of the state], below which a state does not move at random: rounding
 
 
 class ParticleFilter(GaussianFilter):
-    """Filter of a state space with `count` particles. Raises `InputError` where ⊞ of the system is not +."""
+    """Filter of a state space by particles. Raises `InputError` where ⊞ of the system is not +."""
 
     def __init__(
         self,
         system: StateSpace,
         measurements: Sequence[Measurement],
         parameters: Mapping[str, float] | Sequence[float] | Array = (),
-        *,
-        count: int = 500,
-        seed: int = 0,
+        settings: ParticleSettings | None = None,
     ) -> None:
         if not system.is_flat:
             raise InputError(f"the states of {title(system)} are no vector, which a particle filter needs")
         self.system, self.measurements = system, by_name(measurements, COMPONENTS)
         self.names, self.sensors = system.names, tuple(self.measurements)
-        self.parameters, self.count, self._seed = parameter_values(system, parameters), count, seed
+        self.settings = ParticleSettings() if settings is None else settings
+        self.parameters, self.count = parameter_values(system, parameters), self.settings.count
+        count = self.count
         n, k = len(system.names), len(system.inputs)
         self.memory = np.zeros(n + n * n + k + 1 + count + n * count)
         bounds = np.cumsum([n, n * n, k, 1, count]).tolist()
@@ -66,7 +75,7 @@ class ParticleFilter(GaussianFilter):
     def _random(self) -> np.random.Generator:
         """The next numbers, by how often some were drawn."""
         self._drawn += 1
-        return np.random.Generator(np.random.Philox(key=self._seed, counter=[0, 0, 0, int(self._drawn[0])]))
+        return np.random.Generator(np.random.Philox(key=self.settings.seed, counter=[0, 0, 0, int(self._drawn[0])]))
 
     def start(self, belief: Gaussian) -> None:
         """Begin anew, with particles of this distribution."""
@@ -78,7 +87,7 @@ class ParticleFilter(GaussianFilter):
 
     def _scattered(self, cloud: Array, covariance: Array) -> Array:
         values, vectors = np.linalg.eigh(covariance)
-        spread = vectors * np.sqrt(np.where(values > _LEAST**2, values, 0.0))
+        spread = vectors * np.sqrt(np.where(values > self.settings.least_deviation**2, values, 0.0))
         return np.asarray(cloud + spread @ self._random().standard_normal((len(cloud), self.count)))
 
     def predict(self, h: float) -> None:
@@ -116,7 +125,7 @@ class ParticleFilter(GaussianFilter):
         self.log_weights -= self.log_weights.max()
         self.log_weights -= np.log(np.sum(np.exp(self.log_weights)))
         weights = np.exp(self.log_weights)
-        if 1 / np.sum(weights**2) < _FEW * self.count:
+        if 1 / np.sum(weights**2) < self.settings.fewest_effective * self.count:
             places = (np.arange(self.count) + self._random().random()) / self.count
             chosen = np.searchsorted(np.cumsum(weights), places).clip(max=self.count - 1)
             self.cloud[:] = self.cloud[:, chosen]

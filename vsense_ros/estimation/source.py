@@ -29,7 +29,7 @@ class Source(Protocol):
 
     @property
     def timeout(self) -> float:
-        """Silence after which it is told [s]."""
+        """Silence after which it is reported [s]."""
 
     def offsets(self) -> Array:
         """Known errors (m,), to be subtracted."""

@@ -100,7 +100,7 @@ class Ukf(GaussianFilter):
     def correct(
         self, sensor: str, value: Array, variance: Array, limit: float = np.inf, scale: float = 1.0
     ) -> Innovation:
-        """As `Filter.correct`. A covariance that is not positive definite any more is told, and begun anew."""
+        """As `Filter.correct`. A covariance that has lost positive definiteness is reported, and reset."""
         measurement = self._measurement(sensor, value, variance)
         if self._operations is not None:
             nis, m = self._operations.correct(sensor, value, variance, limit, scale), len(value)

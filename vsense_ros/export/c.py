@@ -107,7 +107,7 @@ class Observer:
 
     @property
     def profiles(self) -> tuple[RoadEffect, ...]:
-        """Effects of which the vehicle file tells what they are from place to place, where a sensor tells the place."""
+        """Effects for which the vehicle file has a profile along the road, where a sensor measures the place."""
         if RoadMap.of(self.vehicle, Map(None)) is None:
             return ()
         present = self.vehicle.physics.effects.present()
@@ -401,7 +401,7 @@ class Contents:
         }
 
     def _expected(self, function: ca.Function, mounting: Array, biases: int) -> Array:
-        """What a sensor tells on a car that rolls straight ahead."""
+        """Measurement of a sensor on a car that rolls straight ahead."""
         state = rolling_state(self.vehicle, _EXAMPLE_SPEED)
         values = function(
             state[:14],

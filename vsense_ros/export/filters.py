@@ -70,8 +70,8 @@ class _Contents:
         if not (self.cascade or self.is_bank or isinstance(filter.filter, Ekf)):
             raise InputError(
                 f"{name}: a particle filter is not written as C: it draws its random numbers by NumPy's generator, "
-                "which C has not, so that no check could tell a wrong filter from another draw; mekf_2b is the same "
-                "model, and is written"
+                "which C has not, so that no check could distinguish a wrong filter from another draw; mekf_2b is the "
+                "same model, and is written"
             )
         self.numbers = car_numbers(vehicle, sensors.values())
         self.functions: list[str] = []

@@ -1,7 +1,7 @@
 """An observer, or the car itself, as a functional mock-up unit (FMI 2.0 and 3.0, co-simulation), with sources.
 
 The unit is the C of `export.c` with the functions of the standard around it: no Python, no library but libm, no global
-state. Measurements are inputs, of which a count tells that they are new: what is set before a step was measured at its
+state. Measurements are inputs, of which a count says that they are new: what is set before a step was measured at its
 beginning. As a plant the same model moves without any measurement, driven by steering and wheel torques.
 
 Headers of the standard and the list of its functions come from FMPy (BSD-2, as the standard's headers themselves).
@@ -272,7 +272,7 @@ _CAUSALITY = {"PARAMETER": "parameter", "INPUT": "input", "OUTPUT": "output", "T
 
 
 def _description_2(unit: Unit) -> str:
-    """Scalars: `imu[1]`, `state.velocity_x`, `wheel_force_x.fl`."""
+    """XML of FMI 2, with scalars: `imu[1]`, `state.velocity_x`, `wheel_force_x.fl`."""
     sub = ElementTree.SubElement
     root = ElementTree.Element(
         "fmiModelDescription",
@@ -330,7 +330,7 @@ def _description_2(unit: Unit) -> str:
 
 
 def _description_3(unit: Unit) -> str:
-    """Arrays, whose elements the description tells."""
+    """XML of FMI 3, with arrays, whose elements the description names."""
     sub = ElementTree.SubElement
     root = ElementTree.Element(
         "fmiModelDescription",

@@ -37,7 +37,7 @@ def measure(folder: Path) -> dict[str, str]:
         sources = [str(folder.resolve() / name) for name in ("example.c", "vsense.c")]
         command = [compiler, *FLAGS, *sources, "-o", str(target), "-lm"]
         subprocess.run(command, check=True, capture_output=True)
-        told = subprocess.run([str(target), "--time"], check=True, capture_output=True, text=True).stdout
+        printed = subprocess.run([str(target), "--time"], check=True, capture_output=True, text=True).stdout
         subprocess.run(
             [compiler, *FLAGS, "-fstack-usage", "-c", sources[1], "-o", "vsense.o"],
             check=True,
@@ -51,7 +51,7 @@ def measure(folder: Path) -> dict[str, str]:
             name = where.rpartition(":")[2].partition(".")[0]  # without what the compiler says of a copy it made
             stack[name] = max(stack.get(name, 0), int(depth))
     version = subprocess.run([compiler, "--version"], capture_output=True, text=True).stdout.splitlines()[0]
-    step = re.search(r"step +([\d.]+) us", told)
+    step = re.search(r"step +([\d.]+) us", printed)
     assert step is not None
     return {
         "compiler": version,

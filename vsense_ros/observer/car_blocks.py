@@ -63,7 +63,7 @@ from vsense_ros.observer.state import (
 
 Array = NDArray[np.float64]
 
-SURVEYED = 4  # numbers that tell where the road was last looked up, and what was known of it there
+SURVEYED = 4  # numbers: where the road was last looked up, and what was known of it there
 _SLOW = U.stop  # states from here on decay by themselves, towards a mean
 _UNIT = np.eye(COORDINATES)
 ROADS = ROAD.stop  # states of the road under the car
@@ -225,10 +225,10 @@ class CarBlocks:
         """From now on the slopes of the road along and across the car (2,), positive uphill and with the left side
         higher [rad], go back to these, and what they change by along the way [rad/m] to `changes` (2,); where `along`
         (2,) is 1 the car has come to them on a road that has them, and those that are estimated change as these do."""
-        for part, told in ((SLOPES, slopes), (SLOPE_CHANGES, changes)):
+        for part, target in ((SLOPES, slopes), (SLOPE_CHANGES, changes)):
             mean = self.reversion_mean[part.start - _SLOW : part.stop - _SLOW]
-            self.mean[part] += along * (told - mean)
-            mean[:] = told
+            self.mean[part] += along * (target - mean)
+            mean[:] = target
 
     # One step and one correction with full matrices, of which `car_blocks.c` knows the blocks
 
@@ -381,7 +381,7 @@ class CarBlocks:
         self.mean[FORCE] += added
         self.mean[FORCE.stop :] += error[FORCE.stop :]
 
-    # What the car is told by
+    # What monitors ask
 
     def is_valid(self) -> bool:
         """True if the mean can be a car's."""

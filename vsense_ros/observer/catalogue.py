@@ -55,20 +55,20 @@ def full_error_ekf(vehicle: Vehicle, sensors: dict[str, SensorBase], prior: Prio
 
 def spi(vehicle: Vehicle, sensors: dict[str, SensorBase], prior: Prior | None = None) -> CarFilter:
     """State, parameter and input observer, its parameter filter as the vehicle file says."""
-    room = room_for_parameters(vehicle, sensors)
-    car = CarBlocks(vehicle, sensors, extra=room, prior=prior)
+    extra = extra_numbers(vehicle, sensors)
+    car = CarBlocks(vehicle, sensors, extra=extra, prior=prior)
     return Spi(car, PARAMETER_FILTERS[vehicle.observer.parameter_filter])
 
 
 def full_spi(vehicle: Vehicle, sensors: dict[str, SensorBase], prior: Prior | None = None) -> CarFilter:
     """The SPI whose model is the car with all its bodies."""
-    room = room_for_parameters(vehicle, sensors)
-    car = FullCarBlocks(vehicle, sensors, extra=room, prior=prior)
+    extra = extra_numbers(vehicle, sensors)
+    car = FullCarBlocks(vehicle, sensors, extra=extra, prior=prior)
     return FullCarSpi(car, FULL_CAR_FILTERS[vehicle.observer.parameter_filter])
 
 
-def room_for_parameters(vehicle: Vehicle, sensors: dict[str, SensorBase]) -> int:
-    """Numbers that an SPI of these keeps in the memory of its car."""
+def extra_numbers(vehicle: Vehicle, sensors: dict[str, SensorBase]) -> int:
+    """How many numbers an SPI of these keeps in the memory of its car."""
     require_parameters(vehicle)
     return numbers_kept(layout(sensors).size, len(vehicle.observer.parameters))
 

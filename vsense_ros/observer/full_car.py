@@ -1,7 +1,7 @@
 """The car with all its bodies and linkages as the model of the errorEKF, as Rodríguez 2020's full model.
 
-What moves is the full car; how errors move, and what they do to the sensors, is told by the simplified car at the same
-14 coordinates, whose Jacobians differ from those of the full one by what the suspension tables leave out. Between
+What moves is the full car; how errors move, and what they do to the sensors, follows from the simplified car at the
+same 14 coordinates, whose Jacobians differ from those of the full one by what the suspension tables leave out. Between
 corrections the full car keeps its own coordinates, multipliers and forces; a correction puts it to the nearest state
 in which its linkages are closed.
 """

@@ -1,8 +1,8 @@
 """SPI on the car with all its bodies: the errorEKF on `FullCarBlocks`, and the parameter filters of `spi`.
 
-What parameters do is asked of full cars that have others: they are put to the filter's state, or where a sigma point
-has it, and their accelerations are compared. How errors move on from there, and what they do to the sensors, is told by
-the simplified car, as in the errorEKF.
+The effect of parameters is the difference between full cars that have others: these are put to the filter's state, or
+to that of a sigma point, and their accelerations are compared. How errors propagate from there, and what they do to the
+sensors, follows from the simplified car, as in the errorEKF.
 """
 
 from __future__ import annotations

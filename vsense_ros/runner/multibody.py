@@ -247,11 +247,11 @@ def _parameters(spi: Spi) -> Diagnostic:
         name: f"{value:.6g} ± {deviation:.2g}, {share:.0%} of the deviation at start"
         for name, value, deviation, share in zip(seen.names, spi.values, seen.deviation, seen.share, strict=True)
     }
-    values["independent combinations told"] = f"{seen.rank} of {len(seen.names)}"
+    values["independent combinations determined"] = f"{seen.rank} of {len(seen.names)}"
     closest = np.abs(np.triu(seen.correlation, 1))
     if closest.max(initial=0.0) > _ALIKE:
         i, j = np.unravel_index(closest.argmax(), closest.shape)
-        values["hard to tell apart"] = f"{seen.names[i]} and {seen.names[j]} ({seen.correlation[i, j]:+.2f})"
+        values["hard to distinguish"] = f"{seen.names[i]} and {seen.names[j]} ({seen.correlation[i, j]:+.2f})"
     if stuck := spi.at_bounds():
         return Diagnostic("parameters", Level.WARN, f"at its bound: {', '.join(stuck)}; {seen}", values)
     return Diagnostic("parameters", Level.OK, str(seen), values)

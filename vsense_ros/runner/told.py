@@ -85,7 +85,7 @@ def told(
         for _ in follow(runner, record, recording, vehicle.observer.longest_step, snapshots, progress):
             pass
         if snapshots:
-            directions = observability(record).untold
+            directions = observability(record).undetermined
             snapshots = _thinned(snapshots)
     else:
         snapshots = _run(runner, recording, progress)
