@@ -88,6 +88,17 @@ def test_drawn_anew_they_have_the_distribution_that_the_weights_had() -> None:
     np.testing.assert_allclose(filter.covariance, off * weights @ off.T, rtol=0.05, atol=1e-5)
 
 
+def test_a_particle_without_any_weight_is_never_drawn() -> None:
+    for seed in range(20):
+        filter = ParticleFilter(YawKkf(), [COURSE], settings=ParticleSettings(10, seed))
+        filter.start(Gaussian(np.array([0.1, 0.0]), np.diag([1e-4, 1e-8])))
+        for place in (0, 9):
+            filter.cloud[0, place] = 3.0
+        filter.correct("course", np.array([0.1]), np.array([1e-6]))
+        assert np.ptp(filter.log_weights) == 0, "they were drawn anew"
+        assert filter.cloud[0].max() < 1.0
+
+
 def test_put_back_it_draws_the_same_numbers_again_and_others_later() -> None:
     filter = particles(count=50)
     kept, ends = filter.memory.copy(), []

@@ -6,9 +6,10 @@ import numpy as np
 import pytest
 
 from oracles import dynamax_of, filterpy_of
-from systems import BOB, CASES, LINEAR, NONLINEAR, VELOCITY, Case, drive, measured
+from systems import ATTITUDE, BOB, CASES, LINEAR, NONLINEAR, VELOCITY, Case, drive, measured
 from vsense_ros.errors import InputError
 from vsense_ros.estimation.ekf import Ekf
+from vsense_ros.estimation.filter import Gaussian
 from vsense_ros.estimation.state_space import Measurement, wrapped
 from vsense_ros.estimation.ukf import Ukf
 
@@ -135,3 +136,26 @@ def test_weights_without_points_are_refused() -> None:
     case = LINEAR["heading"]
     with pytest.raises(InputError, match="alpha and e \\+ kappa must be positive"):
         Ukf(case.system, case.measurements, kappa=-2.0)
+
+
+def test_the_mean_of_attitudes_far_apart_is_that_from_which_their_errors_add_up_to_nothing(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """Turns about different axes do not commute, so that the mean is not where the middle point went."""
+    filters = []
+    for compiled in ("0", "1"):
+        monkeypatch.setenv("VSENSE_COMPILE", compiled)
+        filters.append(Ukf(ATTITUDE.system, ATTITUDE.measurements))
+    means = []
+    for filter in filters:
+        filter.inputs[:] = [1.0, 0.5, 0.4]
+        deviations = [0.4, 0.1, 0.1, 0.6, 0.1, 0.3]
+        correlated = np.diag(deviations) @ (np.eye(6) + 0.6 * (np.eye(6, k=3) + np.eye(6, k=-3))) @ np.diag(deviations)
+        filter.start(Gaussian(np.array(ATTITUDE.mean), correlated))
+        filter.predict(1.0)
+        means.append(filter.mean.copy())
+    alone = ATTITUDE.begun(Ekf(ATTITUDE.dense()))
+    alone.inputs[:] = [1.0, 0.5, 0.4]
+    alone.predict(1.0)
+    assert np.abs(means[0] - alone.mean).max() > 1e-3
+    np.testing.assert_allclose(means[0], means[1], rtol=1e-9, atol=1e-12)
