@@ -170,15 +170,14 @@ def main() -> None:
     if given.package and not given.tests:
         parser.error("name the folder of the tests, too")
     packages = {given.package: given.tests} if given.package else PACKAGES
-    for folder in (part for pair in packages.items() for part in pair):
-        if not (ROOT / folder).is_dir():
-            parser.error(f"there is no folder {folder} in {ROOT}")
     rows: list[dict[str, object]] = []
     percent = {}
     for package, tests in packages.items():
+        if missing := [folder for folder in (package, tests) if not (ROOT / folder).is_dir()]:
+            print(f"{package}: there is no folder {missing[0]} in {ROOT}", flush=True)
+            percent[package] = 0.0
+            continue
         own = examine(package, tests, given.sample, given.seed, given.at, given.workers)
-        if not own:
-            parser.error(f"no mutant in {package}")
         percent[package] = killed_percent(own)
         print(f"{package}: {percent[package]:.0f} % of {len(own)} mutants killed by {tests}", flush=True)
         rows += own
@@ -189,8 +188,8 @@ def main() -> None:
 
 
 def killed_percent(rows: list[dict[str, object]]) -> float:
-    """Share of the mutants that were killed [%]."""
-    return 100 * sum(bool(one["killed"]) for one in rows) / len(rows)
+    """Share of the mutants that were killed [%]; 0 where there was none."""
+    return 100 * sum(bool(one["killed"]) for one in rows) / max(len(rows), 1)
 
 
 if __name__ == "__main__":
