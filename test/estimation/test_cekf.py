@@ -87,6 +87,15 @@ def test_a_measurement_acts_for_as_long_as_those_of_its_sensor_are_apart() -> No
         assert 1 / filter.covariance[0, 0] == pytest.approx(1 / 0.01 + 1 / COURSE.variances[0], rel=1e-9)
 
 
+def test_the_first_measurement_acts_as_that_of_a_sensor_that_was_silent_for_long() -> None:
+    """No period is known yet, and a short one would believe it at once."""
+    filter = heading(None, 0.0, 0.0)
+    filter.covariance[:] = np.diag([0.01, 0.0])
+    filter.correct(*COURSE.measured([0.1]))
+    filter.predict(2.0)
+    assert 1 / filter.covariance[0, 0] == pytest.approx(1 / 0.01 + 1 / COURSE.variances[0], rel=1e-9)
+
+
 @pytest.mark.parametrize(("apart", "taken"), [(1e-4, 0.002), (30.0, 2.0)])
 def test_periods_that_are_implausible_are_limited(apart: float, taken: float) -> None:
     filter = heading(None, 0.0, 0.0)
