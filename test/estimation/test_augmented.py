@@ -77,5 +77,5 @@ def test_without_attitudes_errors_are_differences() -> None:
 
 
 def test_a_parameter_that_is_not_there_is_named() -> None:
-    with pytest.raises(InputError, match="no parameter 'mas'"):
+    with pytest.raises(InputError, match="no parameter 'mas' to identify; it has: mass, yaw_inertia"):
         Augmented(SingleTrack(), {"mas": 0.0})
