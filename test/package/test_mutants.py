@@ -24,7 +24,7 @@ def halved(x: int | None, least: float = -1.0) -> float | None:
 
 @pytest.fixture(scope="module")
 def tool() -> ModuleType:
-    pytest.importorskip("cosmic_ray", reason="needs requirements/dev.txt")
+    pytest.importorskip("cosmic_ray", reason="needs requirements/mutants.txt")
     sys.path.insert(0, str(ROOT / "tools"))
     return importlib.import_module("mutants")
 
