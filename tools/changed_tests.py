@@ -99,7 +99,7 @@ def main(seconds: float) -> int:
         "-m",
         "pytest",
         "-m",
-        "not slow",
+        "not slow and not exam",
         "-q",
         "--durations=0",
         "--durations-min=5",

@@ -36,6 +36,7 @@ def test_passes_find_the_car_from_a_start_that_is_thirty_percent_off(drive: Driv
     assert np.abs(found.values / TRUTH - 1)[:4].max() < 0.04  # heights, inertia, roll
 
 
+@pytest.mark.exam
 def test_free_roll_centres_cannot_be_told_apart_from_the_height_of_the_car(drive: Drive) -> None:
     free = (*FREE, *HEIGHTS)
     one = best.identifier(PAPER, free)

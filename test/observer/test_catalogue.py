@@ -45,6 +45,7 @@ def test_a_full_car_without_linkages_is_refused(vehicle: Vehicle) -> None:
         FILTERS["full_error_ekf"].make(bare, sensors_of(bare))
 
 
+@pytest.mark.exam
 def test_the_continuous_filter_put_back_does_the_same_again(vehicle: Vehicle, lane_change: Recording) -> None:
     observer = feed(Runner(vehicle, lane_change.map_origin, FILTERS["cekf"].make), messages(lane_change, until=0.3))
     f, ends = observer.filter, []
