@@ -342,12 +342,12 @@ def replay_without_common_time(folder: Path) -> None:
     )
     assert read_frames(folder / "de.asc").time[0] == pytest.approx(NOON + 7200.133, abs=1e-4)
     try:
-        from vsense_ros.node.replay import Replay
+        from vsense_ros.node.replay_sources import check_overlap
     except ImportError:  # without ROS
         return
     times = np.array([(NOON + 7200) * SECOND, NOON * SECOND, (NOON + 1) * SECOND])
     with pytest.raises(InputError, match="GNSS and CAN have no time in common"):
-        Replay._must_overlap(times, [("CAN", print), ("GNSS", print)], [(0, None), (1, None), (1, None)])
+        check_overlap(times, [("CAN", print), ("GNSS", print)], [(0, None), (1, None), (1, None)])
 
 
 def explain_blames_recording(folder: Path) -> None:

@@ -19,11 +19,8 @@ from __future__ import annotations
 import sys
 import threading
 import time
-from collections.abc import Callable, Collection
-from datetime import UTC, datetime
-from functools import partial
-from itertools import pairwise
-from typing import Any, Literal
+from collections.abc import Collection
+from typing import Any
 
 import numpy as np
 from builtin_interfaces.msg import Time
@@ -33,47 +30,23 @@ from rosgraph_msgs.msg import Clock
 from std_msgs.msg import Header
 from std_srvs.srv import Trigger
 
-from vsense_ros.bag import TopicDescription, read_whole_bag
-from vsense_ros.driver.can_bus import open_bus
-from vsense_ros.driver.can_log import read_can_log
 from vsense_ros.errors import InputError
-from vsense_ros.messages import cdr
 from vsense_ros.messages.diagnostic import Diagnostic, Level
 from vsense_ros.node import rosbag2
 from vsense_ros.node.base import LISTENING_TOPIC, PROGRESS_TOPIC, QUESTIONS, SensingNode, run_node
-from vsense_ros.node.byte_log import read_byte_log
-from vsense_ros.node.can_driver import bus_options
-from vsense_ros.node.parameters import NodeParameters, parameter, path_parameter
-from vsense_ros.node.ports import Port, SlcanAdapter, open_port
-from vsense_ros.node.qos import profile_of
+from vsense_ros.node.parameters import parameter
 from vsense_ros.node.reader import LOSSLESS
+from vsense_ros.node.replay_sources import NANO, ReplaySources, SourceParameters, check_overlap
 
-NANO = 1_000_000_000
 _TICK = 10_000_000  # [ns] between clock messages: of wall time, or of recorded time where that runs slower
 _LOOK_EVERY = 0.05  # [s] for whom a replay still waits
 _TELL_AGAIN = 0.2  # [s] after which consumers that are behind are told the time again
 _FAST_TICK = 20_000_000  # [ns] of recorded time with rate 0
 
-Send = Callable[[Any], int]  # sends one item; how much of it nobody took
 
-
-class ReplayParameters(NodeParameters):
+class ReplayParameters(SourceParameters):
     """What, whereto, how fast."""
 
-    bag: str = path_parameter("bag to publish")
-    topics: tuple[str, ...] = Field((), description="topics of the bag to publish; empty: all")
-    can_log: str = path_parameter("CAN log to send (candump, .asc, .blf, .trc, .mf4, GVRET .csv)")
-    can_interface: Literal["slcan_adapter", "socketcan", "udp_multicast", "slcan"] = Field(
-        "slcan_adapter", description="bus to send it to; slcan_adapter: a pty for can_driver's slcan to open"
-    )
-    can_channel: str = path_parameter("of the interface; for slcan_adapter the name of the pty to make")
-    can_port: int = parameter(43113, "", "UDP port of udp_multicast", ge=1, le=65535)
-    can_log_channel: str = Field("", description="only the frames of this channel of the log; empty: all")
-    can_offset: float = parameter(0.0, "s", "added to the times of the CAN log, to those of the other sources")
-    gnss_bytes: str = path_parameter("byte log of a GNSS receiver")
-    gnss_port: str = path_parameter("pty to make, or socket://host:port to listen at, for gps_driver")
-    imu_bytes: str = path_parameter("byte log of an IMU")
-    imu_port: str = path_parameter("pty to make, or socket://host:port to listen at, for imu_driver")
     rate: float = parameter(1.0, "", "times real time; 0: as fast as the consumers take it", live=True, ge=0, le=1000)
     loop: bool = parameter(False, "", "begin again at the end", live=True)
     start_offset: float = parameter(0.0, "s", "where to begin, after the first message", ge=0)
@@ -92,20 +65,13 @@ class ReplayParameters(NodeParameters):
     exit_at_end: bool = Field(True, description="end the process when all is sent and worked off")
 
 
-def _moment(nanoseconds: int) -> str:
-    """A Unix time [ns] for people; times that count from the start of a log in seconds."""
-    if nanoseconds < 10**16:
-        return f"{nanoseconds / NANO:.3f} s"
-    return f"{datetime.fromtimestamp(nanoseconds / NANO, UTC):%Y-%m-%d %H:%M:%S} UTC"
-
-
 class Replay(SensingNode[ReplayParameters]):
     """See the module."""
 
     tells_time = True
 
     _thread: threading.Thread | None = None
-    _closers: tuple[Callable[[], None], ...] = ()
+    _sources: ReplaySources | None = None
     _clock_output: Any = None
     _progress_reader: Any = None
     _listening_reader: Any = None
@@ -126,18 +92,19 @@ class Replay(SensingNode[ReplayParameters]):
         self._listening: set[str] = set()  # consumers that get all that is published
         self._questions: dict[str, Any] = {}  # publishers by topic
         self._not_taken: dict[str, int] = {}
-        self._waiting_for: list[tuple[str, Callable[[], bool]]] = []
-        self.lost_in_bag = 0
         self._now = self._told = 0
         self._lead = round(p.lead * NANO * p.rate)
-        times, sources, items = self._load()
+        sources = self._sources = ReplaySources(self, p, own_clock=p.clock)
+        sources.load()
+        times, self._senders, self._waiting_for = sources.times, sources.senders, sources.waiting_for
+        self.lost_in_bag = sources.lost_in_bag
         if not len(times):
             raise InputError("nothing to replay: set one of the parameters bag, can_log, gnss_bytes, imu_bytes")
         if p.rate == 0 and (p.can_log or p.gnss_bytes or p.imu_bytes):
             raise InputError(
                 "rate 0 works for bags alone: buses and serial lines cannot tell how far they are; set a rate above 0"
             )
-        self._must_overlap(times, sources, items)
+        check_overlap(times, sources.senders, sources.items)
         order = np.argsort(times, kind="stable")
         begin = int(times[order[0]]) + round(p.start_offset * NANO)
         end = begin + round(p.duration * NANO) if p.duration else int(times[order[-1]])
@@ -148,8 +115,7 @@ class Replay(SensingNode[ReplayParameters]):
         self._times = times[order]
         # No clock tells times below 0, and 0 is none: a log that counts from its own start is put off by the lead.
         self._times += max(1 + self._lead - int(self._times[0]), 0)
-        self._sources = sources
-        self._items = [items[i] for i in order]
+        self._items = [sources.items[i] for i in order]
         if p.clock:
             self._clock_output = self.create_publisher(Clock, "/clock", LOSSLESS)
         self._progress_reader = self.create_subscription(Header, PROGRESS_TOPIC, self._on_progress, LOSSLESS)
@@ -167,113 +133,6 @@ class Replay(SensingNode[ReplayParameters]):
             rosbag2.offer(self, "burst", "Burst", self._burst),
             rosbag2.offer(self, "stop", "Stop", self._end_here),
         )
-
-    def _load(self) -> tuple[np.ndarray, list[tuple[str, Send]], list[tuple[int, Any]]]:
-        """Times [ns], senders by name, and for each time the number of its sender with what to send."""
-        p = self.parameters
-        times: list[np.ndarray] = []
-        sources: list[tuple[str, Send]] = []
-        items: list[tuple[int, Any]] = []
-
-        def add(name: str, send: Send, when: Any, what: list[Any]) -> None:
-            times.append(np.asarray(when, np.int64))
-            items.extend((len(sources), item) for item in what)
-            sources.append((name, send))
-
-        if p.bag:
-            self._load_bag(p.bag, add)
-        if p.can_log:
-            frames = [
-                frame
-                for frame in read_can_log(p.can_log)
-                if not p.can_log_channel or frame.channel in (None, p.can_log_channel)
-            ]
-            stamps = np.array([frame.timestamp for frame in frames])
-            add("CAN", self._open_bus(), np.rint((stamps + p.can_offset) * 1e9), frames)
-        for name, log, where in (("GNSS", p.gnss_bytes, p.gnss_port), ("IMU", p.imu_bytes, p.imu_port)):
-            if not log:
-                continue
-            if not where:
-                raise InputError(
-                    f"parameter {name.lower()}_port is empty: expected a name for a pty, or a socket:// URL"
-                )
-            entries = read_byte_log(log)
-            port: Port = open_port(where)
-            self._closers += (port.close,)
-            self._waiting_for.append((f"a reader of {where}", port.ready))
-            add(name, port.write, [t for t, _ in entries], [data for _, data in entries])
-        return (np.concatenate(times) if times else np.zeros(0, np.int64)), sources, items
-
-    def _load_bag(self, path: str, add: Callable[[str, Send, Any, list[Any]], None]) -> None:
-        """Announce the topics of a bag, and `add` their messages."""
-        p = self.parameters
-        bag = read_whole_bag(path)
-        self.lost_in_bag = bag.recording.messages_lost
-        known = {**bag.recording.channels, **bag.others}
-        if unknown := [topic for topic in p.topics if topic not in known]:
-            raise InputError(f"{path}: has no topic {', '.join(unknown)}; it has {', '.join(sorted(known))}")
-        for topic in known:
-            if topic not in p.topics and (p.topics or (topic == "clock" and p.clock)):
-                continue
-            about = bag.descriptions.get(topic)
-            if topic in bag.others:
-                about, messages = about or TopicDescription("", "", ""), bag.others[topic].payloads
-                times = bag.others[topic].times
-            else:
-                numbers = bag.recording.channels[topic]
-                about = about or TopicDescription.of(topic, numbers.kind)
-                messages, times = [row.tobytes() for row in cdr.encode_channel(numbers)], numbers.received
-            try:
-                self.create_output(topic, about.kind, profile_of(about.qos), about.type_hash)
-            except InputError as error:
-                if p.topics:
-                    raise
-                self.get_logger().warning(f"{topic} is left out: {error}")
-                continue
-            add(topic, partial(self._publish_row, topic, about.kind), times, messages)
-
-    @staticmethod
-    def _must_overlap(times: np.ndarray, sources: list[tuple[str, Send]], items: list[tuple[int, Any]]) -> None:
-        """Refuse sources that have no time in common: one of their clocks is another one."""
-        of = np.fromiter((number for number, _ in items), np.intp, len(items))
-        spans: dict[str, tuple[int, int]] = {}
-        for number, (name, _) in enumerate(sources):
-            own = times[of == number]
-            if not len(own):
-                continue
-            name = name if name in ("CAN", "GNSS", "IMU") else "the bag"
-            first, last = spans.get(name, (int(own.min()), int(own.max())))
-            spans[name] = (min(first, int(own.min())), max(last, int(own.max())))
-        ordered = sorted(spans.items(), key=lambda item: item[1])
-        for (one, (_, end)), (other, (begin, _)) in pairwise(ordered):
-            if begin > end:
-                told = ", ".join(f"{n} from {_moment(a)} to {_moment(b)}" for n, (a, b) in ordered)
-                raise InputError(
-                    f"{one} and {other} have no time in common: {told}. Their clocks differ, or it is a time zone: "
-                    "set can_offset, or give logs of one drive"
-                )
-
-    def _publish_row(self, topic: str, kind: str, data: bytes) -> int:
-        self.publish_bytes(topic, kind, data)
-        return 0
-
-    def _open_bus(self) -> Send:
-        p = self.parameters
-        if p.can_interface == "slcan_adapter":
-            if not p.can_channel:
-                raise InputError("parameter can_channel is empty: slcan_adapter needs a name for its pty")
-            adapter = SlcanAdapter(p.can_channel)
-            self._closers += (adapter.close,)
-            self._waiting_for.append((f"a driver to open {p.can_channel}", adapter.ready))
-            return adapter.send
-        bus = open_bus(p.can_interface, p.can_channel, **bus_options(p.can_interface, p.can_port))
-        self._closers += (bus.shutdown,)
-
-        def send(frame: Any) -> int:
-            bus.send(frame, timeout=1.0)
-            return 0
-
-        return send
 
     def start(self) -> None:
         self._ended = self._begun = False
@@ -294,8 +153,8 @@ class Replay(SensingNode[ReplayParameters]):
 
     def release(self) -> None:
         self.stop()
-        for close in self._closers:
-            close()
+        if self._sources is not None:
+            self._sources.close()
         for server in self._servers:
             self.destroy_service(server)
         if self._clock_output is not None:
@@ -303,7 +162,7 @@ class Replay(SensingNode[ReplayParameters]):
         if self._progress_reader is not None:
             self.destroy_subscription(self._progress_reader)
             self.destroy_subscription(self._listening_reader)
-        self._closers, self._servers = (), ()
+        self._servers = ()
         self._clock_output = self._progress_reader = self._listening_reader = None
 
     # The thread that sends
@@ -369,7 +228,7 @@ class Replay(SensingNode[ReplayParameters]):
             if self._single or self._wait_until(due):
                 self._single = max(self._single - 1, 0)
                 source, item = self._items[self._position]
-                name, send = self._sources[source]
+                name, send = self._senders[source]
                 not_taken = send(item)
                 if not_taken:
                     self._not_taken[name] = self._not_taken.get(name, 0) + not_taken
