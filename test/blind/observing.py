@@ -12,9 +12,9 @@ from vsense_ros.bag.importers import import_recording
 from vsense_ros.errors import InputError
 from vsense_ros.files.vehicle import load_vehicle
 from vsense_ros.mismatch.answer_schema import ObserverComparison
-from vsense_ros.mismatch.data_quality import without_spoilt
 from vsense_ros.mismatch.explain import EXTENDED
 from vsense_ros.mismatch.observed import comparison
+from vsense_ros.mismatch.spoilt import without_spoilt
 
 OBSERVED = "observer.json"
 

@@ -17,9 +17,10 @@ from vsense_ros.identify.least_squares import Fit
 from vsense_ros.identify.parameter_set import ParameterSet
 from vsense_ros.messages.recording import Channel, Recording
 from vsense_ros.mismatch.candidates import BASE
-from vsense_ros.mismatch.data_quality import hindrance, misfit, without_spoilt
+from vsense_ros.mismatch.data_quality import hindrance, misfit
 from vsense_ros.mismatch.explain import explain_recordings
 from vsense_ros.mismatch.residuals import Residuals
+from vsense_ros.mismatch.spoilt import without_spoilt
 from vsense_ros.mismatch.windows import build_dataset
 from vsense_ros.model.simulation.closed_loop import rolling_radii
 from vsense_ros.model.vehicle import Vehicle

@@ -1,8 +1,8 @@
 """Recordings of which nothing can be said, with the reason, before anything is fitted to them.
 
 A spin, a sensor that is frozen or at the end of its range, a wrong unit or another car spoil every figure that follows,
-and some effect would still seem to explain them. What lasts for a while is cut out and told. What is wrong with a whole
-recording is enough for no answer; without it the user gets one about the others.
+and some effect would still seem to explain them. What lasts for a while is cut out (`spoilt`). What is wrong with a
+whole recording is enough for no answer; without it the user gets one about the others.
 """
 
 from __future__ import annotations
@@ -12,9 +12,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.integrate import cumulative_trapezoid
 
-from vsense_ros.checks.aligned import means_around, runs_of_equal_values, stretches
+from vsense_ros.checks.aligned import means_around
 from vsense_ros.checks.consistency import turning
 from vsense_ros.checks.examination import OF_UNITS, run
 from vsense_ros.checks.finding import Finding
@@ -23,41 +22,44 @@ from vsense_ros.checks.mending import mends
 from vsense_ros.checks.motion import GNSS
 from vsense_ros.checks.roles import topics_of
 from vsense_ros.checks.sentences import mend_in_words, sentence
+from vsense_ros.checks.setting import JUDGEMENT, setting
 from vsense_ros.checks.subject import Subject
 from vsense_ros.identify.least_squares import DEFAULT, Fit, prior_weight, solve
 from vsense_ros.messages.recording import Recording
 from vsense_ros.mismatch.ages import ALIKE, BETTER, CLEAR, LATE
 from vsense_ros.mismatch.candidates import BASE
 from vsense_ros.mismatch.residuals import Residuals
-from vsense_ros.mismatch.windows import SLOWEST, Dataset, Readings, Spoilt, Window, build_dataset
-from vsense_ros.model.sensors import Response, SensorBase, Tells, telling
+from vsense_ros.mismatch.spoilt import readings_of, spoilt_stretches
+from vsense_ros.mismatch.windows import Dataset, Readings, Window
+from vsense_ros.model.sensors import SensorBase, Tells, telling
 from vsense_ros.model.simulation.closed_loop import rolling_radii
 from vsense_ros.model.vehicle import Vehicle
 
 Array = NDArray[np.float64]
 
-LEAST = 10.0  # [s] of driving
-KEPT = 0.5  # of the driving of a recording that has to be left for a stretch of it to be cut out
-ROUNDS = 3  # of looking for what is spoilt, as what is cut out hides less
-MANY = 4  # stretches that a remark lists
-AROUND = 0.5  # [s] that are cut out before and after a stretch
-GENTLE = 0.15  # [m/s²] lateral and longitudinal, below which nothing can be said
-SPIN = 13.0  # [m/s²] speed times yaw rate that no car on a road has
-SLIDE = 0.7  # [rad] by which nobody's side slip changes …
-SLIDE_TIME = 3.0  # [s] … in so long, unless the car spins
-COARSE = 100  # values that a signal takes; one with fewer may well keep its value
-SATURATED = 8  # samples at the end of a range, and as many times longer than it stays at other values
-CLIPPED = 3  # times that a steering angle does so, which may be held at one end once
-INPUT_STILL = 2.0  # [s] of the same steering angle, or the same torques, during which the car begins to move otherwise
-GRIPPING = 4.0  # [m/s²] of lateral acceleration up to which the path follows the steering
-MOMENT = 0.2  # [s] of means beside which one wild sample is no motion
-SMOOTH = 0.5  # [s] of the means between which relations are judged
-RADIUS_APART = 0.04  # relative difference of rolling radii that two cars have
-STRANGE = 2.0  # standard deviations left over, from which on the recordings may be of several cars
-CONSTANT = ("mass", "tyre radius")  # what neither road nor driver changes …
-CONSTANT_APART = 1.7  # … and its standard deviation over recordings of several cars, in deviations of the parameter
-ANTENNA, BESIDE = 2.0, 0.01  # [m] of an antenna beside the middle of a car, and the share of the speed that it may add
-TILT_APART = 1.5  # [m/s²] of gravity that a sensor feels on another axis when it sits otherwise
+
+@dataclass(frozen=True)
+class DataQualitySettings:
+    """By which nothing can be said of recordings."""
+
+    least: float = setting(10.0, "s", "of driving", JUDGEMENT)
+    gentle: float = setting(0.15, "m/s²", "lateral and longitudinal, below which a drive shows nothing", JUDGEMENT)
+    gripping: float = setting(4.0, "m/s²", "lateral, up to which the path follows the steering", JUDGEMENT)
+    smooth: float = setting(0.5, "s", "of the means between which relations are judged", JUDGEMENT)
+    radius_apart: float = setting(0.04, "-", "relative difference of rolling radii that two cars have", JUDGEMENT)
+    strange: float = setting(2.0, "-", "standard deviations of residuals of recordings of several cars", JUDGEMENT)
+    constant_apart: float = setting(
+        1.7, "-", "scatter of a constant parameter over several cars, in its standard deviations", JUDGEMENT
+    )
+    antenna: float = setting(2.0, "m", "that an antenna may be beside the middle of a car", JUDGEMENT)
+    antenna_share: float = setting(0.01, "-", "of the speed by which such an antenna may be faster", JUDGEMENT)
+    tilt_apart: float = setting(1.5, "m/s²", "of gravity that a sensor which was moved has on another axis", JUDGEMENT)
+    goes_along: float = setting(0.3, "-", "correlation of signals that follow from one another", JUDGEMENT)
+    opposite: float = setting(-0.5, "-", "correlation of signals with opposite signs", JUDGEMENT)
+
+
+SETTINGS = DataQualitySettings()
+CONSTANT = ("mass", "tyre radius")  # parameters that neither road nor driver changes
 
 
 def hindrance(recordings: Sequence[Recording], fitted: Dataset, unseen: Dataset, vehicle: Vehicle) -> str:
@@ -73,69 +75,13 @@ def _hindrances(recordings: Sequence[Recording], fitted: Dataset, unseen: Datase
     yield from _twins(sensors)
     drives = [*fitted.by_recording(), *unseen.by_recording()]
     for windows in drives:
-        yield from (stretch.reason for stretch in _spoilt(windows, sensors))
+        yield from (stretch.reason for stretch in spoilt_stretches(windows, sensors))
     yield from _units(recordings, sensors, float(np.mean(rolling_radii(vehicle))))
     means = [(windows[0].name, _Drive.of(windows, sensors, vehicle)) for windows in drives]
     yield from _too_little(fitted, [drive for _, drive in means[: len(fitted.by_recording())]])
     for name, drive in means:
         yield from _unrelated(drive, name)
     yield from _unlike(means)
-
-
-def without_spoilt(recordings: Sequence[Recording], vehicle: Vehicle, seen: Dataset | None = None) -> Dataset:
-    """The windows of recordings outside of stretches that would spoil every figure, with remarks that say which these
-    are; all windows where little would be left of a recording, as then the fault is the whole recording's."""
-    whole = kept = build_dataset(recordings, vehicle, seen)
-    cut: list[Spoilt] = []
-    for _ in range(ROUNDS):
-        new = [stretch for windows in kept.by_recording() for stretch in _spoilt(windows, kept.sensors)]
-        if not new:
-            break
-        cut += new
-        kept = build_dataset(recordings, vehicle, seen, cut)
-    before, after = ({w[0].recording: _duration(w) for w in of.by_recording()} for of in (whole, kept))
-    lost = {index for index, duration in before.items() if after.get(index, 0.0) < KEPT * duration}
-    if lost:
-        cut = [stretch for stretch in cut if stretch.recording not in lost]
-        kept = build_dataset(recordings, vehicle, seen, cut) if cut else whole
-    return replace(kept, remarks=(*kept.remarks, *_cut_in_words(cut)))
-
-
-def _cut_in_words(cut: Sequence[Spoilt]) -> Iterator[str]:
-    by_reason: dict[str, list[Spoilt]] = {}
-    for stretch in cut:
-        by_reason.setdefault(stretch.reason, []).append(stretch)
-    for reason, cuts in by_reason.items():
-        spans: list[tuple[float, float]] = []
-        for one in sorted(cuts, key=lambda one: one.begin):
-            if spans and one.begin <= spans[-1][1]:
-                spans[-1] = spans[-1][0], max(spans[-1][1], one.end)
-            else:
-                spans.append((one.begin, one.end))
-        when = ", ".join(f"{begin:.1f} to {end:.1f} s" for begin, end in spans[:MANY])
-        more = f" and {len(spans) - MANY} more" if len(spans) > MANY else ""
-        yield f"cut out: {reason} ({when}{more})"
-
-
-def _duration(windows: Sequence[Window]) -> float:
-    return sum(window.end - window.begin for window in windows)
-
-
-def _spoilt(windows: Sequence[Window], sensors: Mapping[str, SensorBase]) -> Iterator[Spoilt]:
-    """Stretches of one recording that would spoil every figure."""
-    windows = [_without_margins(window) for window in windows]
-    yield from _standing_still(windows, sensors)
-    yield from _saturated(windows, sensors)
-    yield from _clipped(windows, sensors)
-    yield from _spinning(windows, sensors)
-
-
-def _without_margins(window: Window) -> Window:
-    """The window with what was measured inside of it alone: what is cut out stays in the margins of its neighbours."""
-    inside = {
-        name: found.rows((found.t >= window.begin) & (found.t <= window.end)) for name, found in window.readings.items()
-    }
-    return replace(window, readings={name: found for name, found in inside.items() if len(found.t) >= 2})
 
 
 def faults_of(recording: Recording, vehicle: Vehicle) -> list[Finding]:
@@ -178,7 +124,7 @@ def _misfits(base: Fit, residuals: Residuals) -> Iterator[str]:
     if len(outside) > 1 or any(parameter.name in CONSTANT for parameter in outside):
         names = "; ".join(f"no {k.name} between {k.low:+g} and {k.high:+g} ({k.unit})" for k in outside)
         yield f"{names} of the vehicle file's fits; is it the file of this car?"
-    if level > STRANGE and offsets.keys() >= set(CONSTANT):
+    if level > SETTINGS.strange and offsets.keys() >= set(CONSTANT):
         yield from _of_several_fits(base, residuals)
 
 
@@ -192,7 +138,7 @@ def _of_several_fits(base: Fit, residuals: Residuals) -> Iterator[str]:
     for name in CONSTANT:
         at = [parameter.name for parameter in base.free_parameters].index(name)
         found = [change[at] for change in own]
-        if np.std(found) > CONSTANT_APART:
+        if np.std(found) > SETTINGS.constant_apart:
             low, high = int(np.argmin(found)), int(np.argmax(found))
             apart = 100 * (found[high] - found[low]) * base.free_parameters[at].deviation
             yield (
@@ -205,10 +151,10 @@ def _too_little(dataset: Dataset, drives: Sequence[_Drive]) -> Iterator[str]:
     if not dataset.windows:
         yield "; ".join(dataset.remarks) or "there is no recording"
         return
-    if dataset.driven < LEAST:
-        yield f"only {dataset.driven:.1f} s of driving can be used, {LEAST:g} s are needed"
+    if dataset.driven < SETTINGS.least:
+        yield f"only {dataset.driven:.1f} s of driving can be used, {SETTINGS.least:g} s are needed"
     lateral, longitudinal = (max(found) for found in zip(*(drive.strongest for drive in drives), strict=True))
-    if lateral < GENTLE and longitudinal < GENTLE:
+    if lateral < SETTINGS.gentle and longitudinal < SETTINGS.gentle:
         yield (
             f"the car does nothing but go straight ahead at constant speed (at most {lateral:.2f} m/s² lateral and "
             f"{longitudinal:.2f} m/s² longitudinal)"
@@ -276,141 +222,9 @@ def _as_mounted(recording: Recording, sensors: Mapping[str, SensorBase]) -> Reco
     return replace(recording, channels=channels)
 
 
-def _standing_still(windows: Sequence[Window], sensors: Mapping[str, SensorBase]) -> Iterator[Spoilt]:
-    """Signals that do not change although the car moves."""
-    for window in windows:
-        for name, readings in window.readings.items():
-            sensor = sensors[name]
-            for column, component in enumerate(sensor.components):
-                value, t = _present(readings.in_own_axes, column)
-                if len(value) < 2:
-                    continue
-                first, length = runs_of_equal_values(value)
-                last = first + length - 1
-                long = int(np.argmax(t[last] - t[first]))
-                duration = float(t[last[long]] - t[first[long]])
-                coarse = 1 < len(np.unique(value)) < COARSE
-                if length[long] >= 10 and duration >= sensor.longest(coarse=coarse):
-                    begin = t[first[long]]
-                    yield _stretch(
-                        window, begin, begin + duration,
-                        f"the {component.words} is frozen for {duration:.1f} s from {begin:.1f} s on in {window.name}",
-                    )  # fmt: skip
-            if sensor.response is not None:
-                yield from _input_still(window, readings, sensor.response, sensors)
-
-
-def _input_still(
-    window: Window, driven: Readings, expected: Response, sensors: Mapping[str, SensorBase]
-) -> Iterator[Spoilt]:
-    """A driver may well hold wheel and pedals still, but then the motion of the car does not change."""
-    imu = _telling(window, sensors, "rates and forces")
-    present = np.isfinite(driven.value).all(axis=1)
-    value, t = driven.value[present], driven.t[present]
-    if imu is None or len(t) < 2 or np.isfinite(imu.value[:, expected.component]).sum() < 2:
-        return
-    response, at = _present(imu, expected.component)
-    if expected.by_speed:
-        speed = np.interp(at, window.speed.t, window.speed.value[:, 0])
-        response = means_around(at, at, response * speed, MOMENT)
-        shape = response / np.maximum(speed, 1.0) ** 2
-    else:
-        response = shape = means_around(at, at, response, MOMENT)
-    for first, length in zip(*runs_of_equal_values(value), strict=True):
-        begin, end = t[first], t[first + length - 1]
-        # The car needs a while to follow what went before, and means and clocks reach beyond the end.
-        inside = (at >= begin + 0.5) & (at <= end - 0.3)
-        if end - begin < INPUT_STILL or not inside.any():
-            continue
-        if np.ptp(response[inside]) > expected.least and np.ptp(shape[inside]) > 0.5 * np.max(np.abs(shape)):
-            reason = f"{expected.words} frozen for {end - begin:.1f} s from {begin:.1f} s on in {window.name}"
-            yield _stretch(window, begin, end, reason)
-
-
-def _stretch(window: Window, begin: float, end: float, reason: str) -> Spoilt:
-    return Spoilt(window.recording, begin - AROUND, end + AROUND, reason)
-
-
-def _saturated(windows: Sequence[Window], sensors: Mapping[str, SensorBase]) -> Iterator[Spoilt]:
-    """Signals that stay at their largest or smallest value as at no other."""
-    for name in sorted({name for window in windows for name in window.readings if sensors[name].saturates}):
-        for column, component in enumerate(sensors[name].components):
-            parts = [(w, *_present(w.readings[name].in_own_axes, column)) for w in windows if name in w.readings]
-            parts = [part for part in parts if len(part[1])]
-            if not parts or len(np.unique(np.concatenate([value for _, value, _ in parts]))) < COARSE:
-                continue
-            ends = max(value.max() for _, value, _ in parts), min(value.min() for _, value, _ in parts)
-            runs = [(window, value, t, *runs_of_equal_values(value)) for window, value, t in parts]
-            elsewhere = np.concatenate([length[~np.isin(value[first], ends)] for _, value, _, first, length in runs])
-            usual = float(np.percentile(elsewhere, 99)) if len(elsewhere) else 1.0
-            for end in ends:
-                reason = f"the {component.words} is at the end of its range, {end:.4g}, in {windows[0].name}"
-                yield from _held_at(runs, end, SATURATED * usual, reason)
-
-
-_Run = tuple[Window, Array, Array, NDArray[np.int64], NDArray[np.int64]]  # values, times, first and length of each
-
-
-def _held_at(runs: Sequence[_Run], end: float, least: float, reason: str) -> Iterator[Spoilt]:
-    """Where a signal has one value for so many samples."""
-    for window, value, t, first, length in runs:
-        for begin, count in zip(first, length, strict=True):
-            if value[begin] == end and count >= least:
-                yield _stretch(window, float(t[begin]), float(t[begin + count - 1]), reason)
-
-
-def _clipped(windows: Sequence[Window], sensors: Mapping[str, SensorBase]) -> Iterator[Spoilt]:
-    """A steering angle that stays again and again at the ends of its range, and nowhere else."""
-    for name in sorted({name for w in windows for name in w.readings if "steering" in sensors[name].tells}):
-        parts = [(w, *_present(w.readings[name], 0)) for w in windows if name in w.readings]
-        parts = [part for part in parts if len(part[1])]
-        if not parts or len(np.unique(np.concatenate([value for _, value, _ in parts]))) < COARSE:
-            continue
-        ends = max(value.max() for _, value, _ in parts), min(value.min() for _, value, _ in parts)
-        runs = [(window, value, t, *runs_of_equal_values(value)) for window, value, t in parts]
-        elsewhere = np.concatenate([length[~np.isin(value[first], ends)] for _, value, _, first, length in runs])
-        longest = int(elsewhere.max(initial=1))
-        for end in ends:
-            reason = f"the steering angle is at the end of its range, {end:.4g} rad, in {windows[0].name}"
-            held = list(_held_at(runs, end, SATURATED * longest, reason))
-            if len(held) >= CLIPPED:
-                yield from held
-
-
-def _spinning(windows: Sequence[Window], sensors: Mapping[str, SensorBase]) -> Iterator[Spoilt]:
-    for window in windows:
-        imu = _telling(window, sensors, "rates and forces")
-        rate, t = (np.zeros(0), np.zeros(0)) if imu is None else _present(imu, 2)
-        if len(t) < 2:
-            continue
-        speed = np.interp(t, window.speed.t, window.speed.value[:, 0])
-        fast = np.abs(means_around(t, t, rate * speed, MOMENT)) > SPIN
-        reason = f"the car spins in {window.name}, or the unit of its yaw rate or speed is wrong"
-        yield from (_stretch(window, *span, reason) for span in _spans(t, fast))
-        velocity = _telling(window, sensors, "course")
-        if velocity is None:
-            continue
-        moving = np.isfinite(velocity.value).all(axis=1) & (np.hypot(*velocity.value[:, :2].T) > SLOWEST)
-        if moving.sum() < 2:
-            continue
-        at, (east, north) = velocity.t[moving], velocity.value[moving, :2].T
-        heading = cumulative_trapezoid(rate, t, initial=0)
-        slip = np.unwrap(np.arctan2(north, east)) - np.interp(at, t, heading)
-        earlier = np.interp(at - SLIDE_TIME, at, slip)
-        known = (at <= t[-1]) & (np.maximum(at - SLIDE_TIME, at[0]) >= t[0])  # how the car has turned
-        reason = f"the car spins or slides sideways in {window.name}: its course and its yaw rate part"
-        for begin, end in _spans(at, (np.abs(slip - earlier) > SLIDE) & known):
-            yield _stretch(window, begin - SLIDE_TIME, end, reason)
-
-
-def _spans(t: Array, where: NDArray[np.bool_]) -> list[tuple[float, float]]:
-    """Begin and end [s] of each stretch in which a mask is true."""
-    return [(float(t[first]), float(t[end - 1])) for first, end in stretches(where)]
-
-
 @dataclass(frozen=True)
 class _Drive:
-    """Means over `SMOOTH` seconds of what physics relates, over all windows of a recording; NaN where not measured."""
+    """Means over half a second of what physics relates, over all windows of a recording; NaN where not measured."""
 
     speed: Array  # [m/s]
     speed_rate: Array  # [m/s²]
@@ -428,14 +242,14 @@ class _Drive:
         chassis = vehicle.physics.chassis
         parts: dict[str, list[Array]] = {name: [] for name in cls.__dataclass_fields__ if name != "wheelbase"}
         for window in windows:
-            t = np.arange(window.begin, window.end, SMOOTH / 2)
+            t = np.arange(window.begin, window.end, SETTINGS.smooth / 2)
             imu, steering, torques = (
-                _telling(window, sensors, what) or Readings(np.zeros(0), np.zeros((0, 6)))
+                readings_of(window, sensors, what) or Readings(np.zeros(0), np.zeros((0, 6)))
                 for what in ("rates and forces", "steering", "torques")
             )
             speed = _mean(t, window.speed.t, window.speed.value[:, 0])
             parts["speed"].append(speed)
-            parts["speed_rate"].append(np.gradient(speed, SMOOTH / 2))
+            parts["speed_rate"].append(np.gradient(speed, SETTINGS.smooth / 2))
             for name, column in (("yaw_rate", 2), ("longitudinal", 3), ("lateral", 4)):
                 parts[name].append(_mean(t, imu.t, imu.value[:, column]))
             parts["steering"].append(_mean(t, steering.t, steering.value[:, 0]))
@@ -465,7 +279,7 @@ class _Drive:
 def _unrelated(drive: _Drive, name: str) -> Iterator[str]:
     """Signals that follow from one another by physics, and differ by more than any effect could make: a unit, a sign,
     an axis or a clock is wrong."""
-    gentle = np.where(np.abs(drive.turning) < GRIPPING, 1.0, np.nan)
+    gentle = np.where(np.abs(drive.turning) < SETTINGS.gripping, 1.0, np.nan)
     bend = drive.wheelbase * drive.yaw_rate / drive.speed * gentle
     for what, found, other, expected, least, low, high in (
         ("lateral acceleration", drive.lateral, "speed times yaw rate", drive.turning, 0.5, 0.5, 2.0),
@@ -474,18 +288,18 @@ def _unrelated(drive: _Drive, name: str) -> Iterator[str]:
         ("wheel torque over radius and mass", drive.drive, "change of the speed", drive.speed_rate, 0.5, 0.3, 3.0),
     ):
         both = np.isfinite(found) & np.isfinite(expected)
-        if both.sum() < LEAST / SMOOTH or np.std(expected[both]) < least:
+        if both.sum() < SETTINGS.least / SETTINGS.smooth or np.std(expected[both]) < least:
             continue
         size = float(np.std(found[both]) / np.std(expected[both]))
         alike = float(np.corrcoef(found[both], expected[both])[0, 1]) if size > 0 else 0.0
-        if alike > 0.3 and low < size < high:
+        if alike > SETTINGS.goes_along and low < size < high:
             continue
         # The lag comes before sign and scale: what is a second late goes along with nothing.
-        late = match(found, expected, SMOOTH / 2, LONG_LAGS)
+        late = match(found, expected, SETTINGS.smooth / 2, LONG_LAGS)
         if late is not None and abs(late.lag) >= LATE and late.clear > CLEAR and late.best > max(ALIKE, alike + BETTER):
             side = "behind" if late.lag > 0 else "ahead of"
             yield f"in {name} the {what} lies {abs(late.lag):.1f} s {side} {other}; which of the clocks is wrong?"
-        elif alike < -0.5:
+        elif alike < SETTINGS.opposite:
             yield f"in {name} the {what} has the sign opposite to {other}"
         elif not low < size < high:
             yield f"in {name} the {what} is {size:.3g} times the {other}; is its unit wrong?"
@@ -499,22 +313,22 @@ def _unlike(drives: Sequence[tuple[str, _Drive]]) -> Iterator[str]:
     tilts: list[tuple[Array, str]] = []
     for name, drive in drives:
         steady = np.isfinite(drive.over_ground) & np.isfinite(drive.rolling) & (np.abs(drive.speed_rate) < 1.0)
-        if steady.sum() >= LEAST / SMOOTH:
+        if steady.sum() >= SETTINGS.least / SETTINGS.smooth:
             radii += [(ratio, name) for ratio in _over_rolling(drive, steady)]
         felt = np.array([drive.longitudinal - drive.speed_rate, drive.lateral - drive.turning])
         present = np.isfinite(felt).all(axis=0)
-        if present.sum() >= LEAST / SMOOTH:
+        if present.sum() >= SETTINGS.least / SETTINGS.smooth:
             tilts.append((felt[:, present].mean(axis=1), name))
     if radii:
         (small, of_small), (large, of_large) = min(radii), max(radii)
-        if large > (1 + RADIUS_APART) * small:
+        if large > (1 + SETTINGS.radius_apart) * small:
             yield (
                 f"the wheels of {of_large} are {100 * (large / small - 1):.0f} % larger than those of {of_small}; "
                 "are they recordings of one car?"
             )
     for axis, what in enumerate(("longitudinal", "lateral")):
         at = [(float(tilt[axis]), name) for tilt, name in tilts]
-        if at and max(at)[0] - min(at)[0] > TILT_APART:
+        if at and max(at)[0] - min(at)[0] > SETTINGS.tilt_apart:
             yield (
                 f"between {min(at)[1]} and {max(at)[1]} the {what} accelerometer has shifted by "
                 f"{max(at)[0] - min(at)[0]:.1f} m/s²; is it one car, and does the sensor sit where it sat?"
@@ -526,17 +340,11 @@ def _over_rolling(drive: _Drive, steady: NDArray[np.bool_]) -> list[float]:
     middle of the car is faster or slower there."""
     ratio = drive.over_ground[steady] / drive.rolling[steady]
     bent = np.nan_to_num(drive.yaw_rate[steady] / drive.speed[steady])
-    if ANTENNA * abs(float(np.mean(bent))) < BESIDE:
+    if SETTINGS.antenna * abs(float(np.mean(bent))) < SETTINGS.antenna_share:
         return [float(np.median(ratio))]
     if float(np.std(bent)) < abs(float(np.mean(bent))):
         return []
     return [float(np.polyfit(bent, ratio, 1)[1])]
-
-
-def _telling(window: Window, sensors: Mapping[str, SensorBase], what: Tells) -> Readings | None:
-    """What the sensor that tells something gave in a window."""
-    name = telling(((name, sensors[name]) for name in window.readings), what)
-    return None if name is None else window.readings[name]
 
 
 def _speed(t: Array, window: Window, sensors: Mapping[str, SensorBase], what: Tells, radius: float) -> Array:
@@ -548,13 +356,6 @@ def _speed(t: Array, window: Window, sensors: Mapping[str, SensorBase], what: Te
     return _mean(t, found.t, sensors[name].mean_speed(found.value, radius))
 
 
-def _present(readings: Readings, column: int) -> tuple[Array, Array]:
-    """Values of a component and their times, without those that are absent."""
-    value = readings.value[:, column]
-    present = np.isfinite(value)
-    return value[present], readings.t[present]
-
-
 def _mean(at: Array, t: Array, value: Array) -> Array:
-    """Means over `SMOOTH` seconds around the times `at`; NaN where there is nothing."""
-    return means_around(at, t, value, SMOOTH)
+    """Means over half a second around the times `at`; NaN where there is nothing."""
+    return means_around(at, t, value, SETTINGS.smooth)

@@ -30,7 +30,7 @@ from vsense_ros.mismatch import answer as entries
 from vsense_ros.mismatch.ages import ages, with_ages
 from vsense_ros.mismatch.answer_schema import VERSION, Answer, Located, OutOfReach
 from vsense_ros.mismatch.candidates import BASE, Candidate, base_parameters, candidates, out_of_reach
-from vsense_ros.mismatch.data_quality import faults_in_words, faults_of, hindrance, misfit, without_spoilt
+from vsense_ros.mismatch.data_quality import faults_in_words, faults_of, hindrance, misfit
 from vsense_ros.mismatch.design import NEXT
 from vsense_ros.mismatch.extension import extended
 from vsense_ros.mismatch.observed import comparison
@@ -41,6 +41,7 @@ from vsense_ros.mismatch.residuals import Residuals
 from vsense_ros.mismatch.search import Hypothesis, Search
 from vsense_ros.mismatch.selection import most_telling
 from vsense_ros.mismatch.simulation import LOST, Predictor
+from vsense_ros.mismatch.spoilt import without_spoilt
 from vsense_ros.mismatch.thresholds import THRESHOLDS
 from vsense_ros.mismatch.validation import Validation
 from vsense_ros.mismatch.verdict import Judged, judge
