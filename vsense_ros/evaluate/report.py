@@ -2,21 +2,19 @@
 
 from __future__ import annotations
 
-import base64
 import re
 from collections.abc import Mapping, Sequence
-from datetime import UTC, datetime
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any
 
-import jinja2
 import plotly.graph_objects as go
 from plotly.offline import get_plotlyjs
 from plotly.subplots import make_subplots
 
 from vsense_ros.evaluate.balance import Balance
 from vsense_ros.evaluate.drive import Drive
+from vsense_ros.evaluate.html_page import embedded, write_page
 from vsense_ros.evaluate.picture import BAND, ESTIMATE, MUTED, TRUTH, WHEEL_COLOURS, draw, value_limits
 from vsense_ros.evaluate.signals import SIGNALS, Series, read_signals, thin
 from vsense_ros.evaluate.wording import named, score_cells
@@ -36,17 +34,6 @@ INTERACTIVE = (
 )
 
 
-def page_environment(package: str) -> jinja2.Environment:
-    """Templates of HTML pages in a package's folder `templates`."""
-    return jinja2.Environment(
-        loader=jinja2.PackageLoader(package, "templates"),
-        autoescape=True,
-        undefined=jinja2.StrictUndefined,
-        trim_blocks=True,
-        lstrip_blocks=True,
-    )
-
-
 def write_report(
     drives: Sequence[Drive], path: Path, *, title: str, pictures: Mapping[str, Path] | None = None
 ) -> Path:
@@ -54,16 +41,14 @@ def write_report(
 
     `pictures` maps the names of drives to PNG files that exist already; the others are drawn for the page.
     """
-    environment = page_environment("vsense_ros.evaluate")
-    page = environment.get_template("report.html.j2").render(
+    return write_page(
+        path,
+        "vsense_ros.evaluate",
+        "report.html.j2",
         title=title,
-        written=datetime.now(UTC).strftime("%Y-%m-%d %H:%M UTC"),
         plotly=get_plotlyjs(),
         drives=[_section(drive, (pictures or {}).get(drive.name)) for drive in drives],
     )
-    path.parent.mkdir(parents=True, exist_ok=True)
-    path.write_text(page, encoding="utf-8")
-    return path
 
 
 def _section(drive: Drive, picture: Path | None) -> dict[str, Any]:
@@ -91,7 +76,7 @@ def _section(drive: Drive, picture: Path | None) -> dict[str, Any]:
         "balance": None if drive.balance is None else drive.balance.percent,
         "unreferenced": named(drive.unreferenced),
         "sensors": drive.sensors(),
-        "picture": base64.b64encode(image).decode("ascii"),
+        "picture": embedded(image),
         "plot": _interactive(drive),
     }
 

@@ -2,14 +2,12 @@
 
 from __future__ import annotations
 
-import base64
 import json
 from collections.abc import Mapping
 from io import BytesIO
 from pathlib import Path
 from typing import Any
 
-import jinja2
 import matplotlib
 import numpy as np
 from matplotlib.backends.backend_agg import FigureCanvasAgg
@@ -18,6 +16,7 @@ from rich.console import Console
 from rich.text import Text
 
 from vsense_ros.estimation.filter import Array
+from vsense_ros.evaluate.html_page import embedded, write_page
 from vsense_ros.evaluate.picture import BAND, ESTIMATE, MUTED, STYLE
 from vsense_ros.evaluate.terminal import plain_table
 from vsense_ros.files.atomic import atomic_write
@@ -104,17 +103,12 @@ def write(found: Identification, folder: Path) -> Path:
     folder.mkdir(parents=True, exist_ok=True)
     with atomic_write(folder / "identification.json") as file:
         file.write(json.dumps(content(found), indent=2) + "\n")
-    environment = jinja2.Environment(
-        loader=jinja2.PackageLoader("vsense_ros.identify", "templates"), autoescape=True,
-        undefined=jinja2.StrictUndefined, trim_blocks=True, lstrip_blocks=True,
-    )  # fmt: skip
-    page = environment.get_template("identification.html.j2").render(
+    return write_page(
+        folder / "report.html", "vsense_ros.identify", "identification.html.j2",
         title=f"{found.before.name}: parameters identified", found=found, rows=rows(found),
         degrees={name: f"{np.degrees(value):.3f}" for name, value in found.side_slip.items()},
         pictures=[(title, _encoded(figure)) for title, figure in pictures(found).items()],
     )  # fmt: skip
-    (folder / "report.html").write_text(page, encoding="utf-8")
-    return folder / "report.html"
 
 
 def pictures(found: Identification) -> Mapping[str, Figure]:
@@ -131,7 +125,7 @@ def _encoded(figure: Figure) -> str:
     buffer = BytesIO()
     with matplotlib.rc_context(dict(STYLE)):
         figure.savefig(buffer, dpi=110, format="png")
-    return base64.b64encode(buffer.getvalue()).decode("ascii")
+    return embedded(buffer.getvalue())
 
 
 def _figure(width: float, height: float) -> Figure:

@@ -6,7 +6,6 @@ import csv
 from collections import Counter, defaultdict
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass, fields
-from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
 
@@ -16,7 +15,7 @@ from rich.console import Console
 from rich.table import Table
 from rich.text import Text
 
-from vsense_ros.evaluate.report import page_environment
+from vsense_ros.evaluate.html_page import write_page
 from vsense_ros.files.atomic import atomic_write, in_place_of
 from vsense_ros.files.names import cell
 from vsense_ros.mismatch.answer_schema import EffectEntry
@@ -135,8 +134,10 @@ def write(results: Sequence[Result], out: Path) -> None:
             }
             sheet.writerow(asdict(line) | texts)
     effects = _frequency(results)
-    page = page_environment("vsense_ros.mismatch").get_template("fleet.html.j2")
-    text = page.render(
+    write_page(
+        out / PAGE,
+        "vsense_ros.mismatch",
+        "fleet.html.j2",
         headline=_headline(results),
         effects=effects,
         vehicles=[
@@ -149,10 +150,7 @@ def write(results: Sequence[Result], out: Path) -> None:
             }
             for line, result in zip(lines, results, strict=True)
         ],
-        written=datetime.now(UTC).strftime("%Y-%m-%d %H:%M UTC"),
     )
-    with atomic_write(out / PAGE) as file:
-        file.write(text)
 
 
 def _report(result: Result, out: Path) -> str:

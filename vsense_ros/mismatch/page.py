@@ -2,16 +2,12 @@
 
 from __future__ import annotations
 
-import base64
 import re
 from collections.abc import Sequence
-from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
 
-from jinja2 import Template
-
-from vsense_ros.evaluate.report import page_environment
+from vsense_ros.evaluate.html_page import embedded, page_template, write_page
 from vsense_ros.files.atomic import atomic_write
 from vsense_ros.mismatch.answer_schema import Answer, Errors, Force, Region, SignalErrors
 from vsense_ros.mismatch.picture import Trace, before_and_after, most_affected, other_signals, road_profile, when
@@ -45,6 +41,7 @@ from vsense_ros.mismatch.words import (
 )
 
 PAGE = "report.html"
+_TEMPLATES = "vsense_ros.mismatch"
 NEXT_TEST = re.compile(r'<p id="next-test">.*?</p>', re.DOTALL)  # the paragraph of a page
 
 Headline = tuple[str, str]  # a figure, and what it is
@@ -53,10 +50,12 @@ Headline = tuple[str, str]  # a figure, and what it is
 def write_report(answer: Answer, traces: Sequence[Trace], path: Path) -> None:
     """Write the page about an answer, with the curves of `traces`, to `path`."""
     effects = effect_rows(answer)
-    page = _template("explain.html.j2").render(
+    write_page(
+        path,
+        _TEMPLATES,
+        "explain.html.j2",
         answer=answer,
         badge=badge_of(answer),
-        written=datetime.now(UTC).strftime("%Y-%m-%d %H:%M UTC"),
         effects=effects,
         first=_first(answer),
         together=any(row.together for row in effects),
@@ -76,9 +75,6 @@ def write_report(answer: Answer, traces: Sequence[Trace], path: Path) -> None:
         **_where(answer),
         **_pictures(answer, traces),
     )
-    path.parent.mkdir(parents=True, exist_ok=True)
-    with atomic_write(path) as file:
-        file.write(page)
 
 
 def _where(answer: Answer) -> dict[str, str]:
@@ -98,11 +94,11 @@ def _pictures(answer: Answer, traces: Sequence[Trace]) -> dict[str, Any]:
         "headlines": _headlines(answer, shown),
         "shown": shown,
         "caption": _caption(answer, shown) if shown else "",
-        "picture": _embedded(before_and_after(shown)) if shown else "",
-        "beside": _embedded(other_signals(traces, shown, signals)) if shown else "",
-        "timeline": _embedded(when(answer.located.segments, traces)),
+        "picture": embedded(before_and_after(shown)) if shown else "",
+        "beside": embedded(other_signals(traces, shown, signals)) if shown else "",
+        "timeline": embedded(when(answer.located.segments, traces)),
         "profiles": [
-            (physics_in_words(effect), _embedded(road_profile(effect)), effect.profile[0].latitude is not None)
+            (physics_in_words(effect), embedded(road_profile(effect)), effect.profile[0].latitude is not None)
             for effect in answer.effects
             if effect.profile and effect.id in answer.answer_set
         ],
@@ -115,7 +111,11 @@ def write_next_test(answer: Answer, path: Path) -> None:
     The curves of the page are not stored, so that it cannot be written anew.
     """
     if path.is_file():
-        words = _template("next_test.html.j2").render(answer=answer, next_test=next_test_in_words(answer)).strip()
+        words = (
+            page_template(_TEMPLATES, "next_test.html.j2")
+            .render(answer=answer, next_test=next_test_in_words(answer))
+            .strip()
+        )
         page = path.read_text(encoding="utf-8")
         with atomic_write(path) as file:
             file.write(NEXT_TEST.sub(lambda _: words, page, count=1))
@@ -243,11 +243,3 @@ def _described(where: Region | Force | None) -> str:
     if isinstance(where, Force) and where.sizes:
         return f"{where.description} ({', '.join(shown_value(size.value, size.unit) for size in where.sizes)})"
     return where.description
-
-
-def _template(name: str) -> Template:
-    return page_environment("vsense_ros.mismatch").get_template(name)
-
-
-def _embedded(picture: bytes | None) -> str:
-    return "" if picture is None else base64.b64encode(picture).decode("ascii")
