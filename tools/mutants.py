@@ -1,12 +1,10 @@
-"""How many mutants of packages their own fast tests kill: python tools/mutants.py [PACKAGE TESTS] [--sample 40].
-
-Without a package, those in `PACKAGES` are examined, as `make exam` does, and the result goes to out/mutants.json.
+"""How many mutants of a package its own fast tests kill: python tools/mutants.py PACKAGE TESTS [--sample 40].
 
 A mutant is the package with one arithmetic operator, comparison or condition turned into its opposite (DeMillo, Lipton
 & Sayward 1978); it is killed when a test fails. Cosmic Ray finds the places, writes the mutants and runs the tests;
 this draws a sample of them, makes each in a copy of the tree, and begins with the tests that are nearest to what is
 mutated. It prints a line for each, writes JSON with `--json FILE`, and ends with 1 where fewer than `--least` percent
-of a package's are killed.
+are killed.
 """
 
 from __future__ import annotations
@@ -43,13 +41,6 @@ OPERATORS = (
     "core/ReplaceUnaryOperator_Delete_Not",
     "core/ReplaceUnaryOperator_Delete_USub",
 )
-PACKAGES = {
-    "vsense_ros/estimation": "test/estimation",
-    "vsense_ros/checks": "test/checks",
-    "vsense_ros/runner": "test/runner",
-    "vsense_ros/messages": "test/messages",
-    "vsense_ros/driver": "test/driver",
-}
 LEAST = 85.0  # percent that tests kill which would notice: what is alive then is mostly equivalent (Jia & Harman 2011)
 COPIED = ("vsense_ros", "test", "tools", "config", "bags", "docs", "hw", "launch", "studies", "exam")
 SINGLE = ("pyproject.toml", "setup.py", "setup.cfg", "package.xml", "README.md", "CHANGELOG.md")
@@ -158,33 +149,26 @@ def examine(package: str, tests: str, sample: int, seed: int, at: list[str], wor
 def main() -> None:
     """Command line."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("package", nargs="?", help="folder of the package, as vsense_ros/estimation")
-    parser.add_argument("tests", nargs="?", help="folder of its tests, as test/estimation")
+    parser.add_argument("package", help="folder of the package, as vsense_ros/estimation")
+    parser.add_argument("tests", help="folder of its tests, as test/estimation")
     parser.add_argument("--sample", type=int, default=40, help="number of mutants of a package (40)")
     parser.add_argument("--seed", type=int, default=1, help="of the random sample (1)")
     parser.add_argument("--at", action="append", default=[], metavar="FILE:LINE", help="only mutants of this line")
     parser.add_argument("--workers", type=int, default=os.cpu_count() or 1, help="mutants at a time (one a processor)")
     parser.add_argument("--least", type=float, default=LEAST, help=f"percentage that must be killed ({LEAST:g})")
-    parser.add_argument("--json", type=Path, default=ROOT / "out/mutants.json", help="file for the result")
+    parser.add_argument("--json", type=Path, help="file for the result")
     given = parser.parse_args()
-    if given.package and not given.tests:
-        parser.error("name the folder of the tests, too")
-    packages = {given.package: given.tests} if given.package else PACKAGES
-    rows: list[dict[str, object]] = []
-    percent = {}
-    for package, tests in packages.items():
-        if missing := [folder for folder in (package, tests) if not (ROOT / folder).is_dir()]:
-            print(f"{package}: there is no folder {missing[0]} in {ROOT}", flush=True)
-            percent[package] = 0.0
-            continue
-        own = examine(package, tests, given.sample, given.seed, given.at, given.workers)
-        percent[package] = killed_percent(own)
-        print(f"{package}: {percent[package]:.0f} % of {len(own)} mutants killed by {tests}", flush=True)
-        rows += own
-    document = {"killed_percent": killed_percent(rows), "packages": percent, "mutants": rows}
-    given.json.parent.mkdir(parents=True, exist_ok=True)
-    given.json.write_text(json.dumps(document, indent=1) + "\n", encoding="utf-8")
-    sys.exit(any(value < given.least for value in percent.values()))
+    for folder in (given.package, given.tests):
+        if not (ROOT / folder).is_dir():
+            parser.error(f"there is no folder {folder} in {ROOT}")
+    rows = examine(given.package, given.tests, given.sample, given.seed, given.at, given.workers)
+    percent = killed_percent(rows)
+    print(f"{given.package}: {percent:.0f} % of {len(rows)} mutants killed by {given.tests}")
+    if given.json:
+        document = {"package": given.package, "tests": given.tests, "killed_percent": percent, "mutants": rows}
+        given.json.parent.mkdir(parents=True, exist_ok=True)
+        given.json.write_text(json.dumps(document, indent=1) + "\n", encoding="utf-8")
+    sys.exit(percent < given.least)
 
 
 def killed_percent(rows: list[dict[str, object]]) -> float:
