@@ -45,16 +45,25 @@ def _holds(case: Case, filter: str = "") -> None:
         found = examine(case, filter)
     except InputError as error:
         pytest.skip(str(error))
-    if not filter and (case.title, case.drive) in OPEN and not found.holds:
-        pytest.xfail(OPEN[case.title, case.drive])
+    why = OPEN_OF_KINEMATIC.get((case.title, case.drive, filter)) if filter else OPEN.get((case.title, case.drive))
+    if why and not found.holds:
+        pytest.xfail(why)
     assert found.holds, found
 
 
+# What does not hold yet of filters that an inertial sensor drives, by title, drive and filter.
+OPEN_OF_KINEMATIC = {
+    ("gyro z +0.5 rad/s, 1 s", LANE_CHANGE, "strapdown"): "up to 1.0 m/s (0.43 without the fault)",
+    ("gyro z nothing but noise", LANE_CHANGE, "inertial"): "no jump, and no vote: 0.73 m/s",
+    ("gyro z +0.1 rad/s, rising for 1 s", CIRCLE, "inertial"): "its end is taken for the jump: 0.93 m/s",
+    ("accelerometer y -2 m/s², 1 s", LANE_CHANGE, "inertial"): "0.26 m/s, and not named",
+}
 KINEMATIC = ("strapdown", "inertial", "integrated")
 FAST_OF_KINEMATIC = {
     ("gyro z +0.5 rad/s, 1 s", LANE_CHANGE, "inertial"),
-    ("gyro z +0.5 rad/s, 1 s", LANE_CHANGE, "strapdown"),
     ("gyro z +0.5 rad/s, 1 s", LANE_CHANGE, "integrated"),
+    ("gyro z zero", CIRCLE, "strapdown"),
+    ("gyro z +3 rad/s, 3 s", CIRCLE, "inertial"),
     ("gyros frozen", LANE_CHANGE, "inertial"),
     ("IMU silent for 3 s", LANE_CHANGE, "inertial"),
 }

@@ -200,16 +200,6 @@ class Aided(Filter):
         whitened[axis], factor[axis, axis] = far, deviation
         return Innovation(whitened, factor, far * far, False)
 
-    def bias(self, axis: int) -> tuple[int, float] | None:
-        """Place in `names` of the bias of an inertial axis, and its standard deviation at start; None without one."""
-        field, direction = ("gyro_bias", "xyz"[axis]) if axis < 3 else ("acceleration_bias", "xyz"[axis - 3])
-        wanted = {f"{field}_{direction}"} | ({"gyro_bias"} if AXES[axis] == "yaw_rate" else set())
-        for element, name in enumerate(self.names):
-            part, _, own = name.rpartition(".")
-            if own in wanted:
-                return element, float(self.definition.parts[part][0].prior[own])
-        return None
-
     def measures(self, name: str) -> bool:
         """True if any sensor makes the measurement of this name."""
         return any(name == made for use in self.use.values() for made, *_ in use.measurements)

@@ -160,8 +160,9 @@ class Adapter(ABC):
         alone[axis] = event.value[axis]
         return self.filter.correct(channel.name, alone, event.variance, -1.0)
 
-    def bias(self, sensor: int, axis: int) -> tuple[int, float] | None:
-        """Element of the state that is the bias of an axis, and its standard deviation at start; None without one."""
+    def bias(self, sensor: int, axis: int, jump: float) -> tuple[int, float] | None:
+        """Element of the state that is the bias of an axis which is believed again, and its standard deviation then;
+        None to keep what is known of it. Readings have differed by `jump` from what was expected, on average."""
         return None
 
     # Resets

@@ -179,9 +179,6 @@ class KinematicAdapter(Adapter):
         self._newest = found
         return found
 
-    def bias(self, sensor: int, axis: int) -> tuple[int, float] | None:
-        return self.filter.bias(self._of_car[axis])
-
     # Resets
 
     def difference(self, event: Event, innovation: Innovation) -> tuple[Array, Array] | None:

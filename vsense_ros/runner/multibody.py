@@ -147,9 +147,9 @@ class CarAdapter(Adapter):
                 found[i] = Judged(words, tuple(range(len(words))), 0, sensor.gate)
         return found
 
-    def bias(self, sensor: int, axis: int) -> tuple[int, float] | None:
+    def bias(self, sensor: int, axis: int, jump: float) -> tuple[int, float] | None:
         element = self.car.layout.biases[sensor].start + axis
-        return element, float(self.car.prior.deviation[element])
+        return element, float(np.hypot(self.car.prior.deviation[element], jump))
 
     # Resets
 

@@ -186,10 +186,10 @@ class Runner:
             vote.decide(self._timeline)
         while vote.returned:
             sensor, axis, jump = vote.returned.pop()
-            bias = self.adapter.bias(sensor, axis)
+            bias = self.adapter.bias(sensor, axis, jump)
             if bias is not None:
                 element, deviation = bias
-                self._shift(Move(element, 0.0, float(np.hypot(deviation, jump))))
+                self._shift(Move(element, 0.0, deviation))
 
     def _shift(self, move: Move) -> None:
         """Move an element of the state now, and whenever this instant happens again."""
