@@ -19,7 +19,7 @@ from rich.console import Console
 
 from marks import exam_except
 from synthetic_findings import SIGNALS, effect, finding, located, segment, traces
-from vsense_ros.mismatch import page
+from vsense_ros.evaluate import html_page
 from vsense_ros.mismatch.answer import remarks, sentence
 from vsense_ros.mismatch.answer_schema import Answer, Region, Remainder, SignalMisfit, parsed
 from vsense_ros.mismatch.page import write_report
@@ -112,7 +112,7 @@ def test_the_terminal_says_the_sentence_and_every_remark(verdict):
 @pytest.mark.parametrize("verdict", BADGES)
 def test_what_is_read_back_from_the_file_gives_the_same_page(verdict, tmp_path, monkeypatch):
     written = datetime(2026, 1, 31, 12, 0, tzinfo=UTC)  # a page tells the minute
-    monkeypatch.setattr(page, "datetime", SimpleNamespace(now=lambda zone: written))
+    monkeypatch.setattr(html_page, "datetime", SimpleNamespace(now=lambda zone: written))
     found = finding(verdict)
     again = parsed(json.loads(found.written()), "explain.json")
     assert read(found, [], tmp_path).text == read(again, [], tmp_path).text
