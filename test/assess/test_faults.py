@@ -53,7 +53,6 @@ def _holds(case: Case, filter: str = "") -> None:
 
 # What does not hold yet of filters that an inertial sensor drives, by title, drive and filter.
 OPEN_OF_KINEMATIC = {
-    ("gyro z +0.5 rad/s, 1 s", LANE_CHANGE, "strapdown"): "up to 1.0 m/s (0.43 without the fault)",
     ("gyro z nothing but noise", LANE_CHANGE, "inertial"): "no jump, and no vote: 0.73 m/s",
     ("gyro z +0.1 rad/s, rising for 1 s", CIRCLE, "inertial"): "its end is taken for the jump: 0.93 m/s",
     ("accelerometer y -2 m/s², 1 s", LANE_CHANGE, "inertial"): "0.26 m/s, and not named",
