@@ -17,7 +17,7 @@ export OPENBLAS_NUM_THREADS ?= 1
 
 .DEFAULT_GOAL := help
 .PHONY: help venv check test exam lint docs format house demo bench best thesis genesis road leung blind recordings bags \
-	hw-tools hw hw-timing arm accelerator vehicle fuzz clean
+	hw-tools hw hw-timing arm accelerator vehicle fuzz release clean
 
 help: ## this list
 	@awk -F ':.*## ' '/^[a-z-]+:.*## / { printf "  make %-11s %s\n", $$1, $$2 }' $(MAKEFILE_LIST)
@@ -131,6 +131,10 @@ vehicle: venv ## what is tried on the nodes from outside, half an hour of soak a
 FUZZ ?=
 fuzz: venv ## a million wrong inputs to everything that reads, to out/fuzz.json
 	PYTHONPATH=test:test/node $(VENV)/bin/python -m fuzz $(FUZZ)
+
+release: venv ## wheel, source archive and Debian source package, each installed and tried, to out/release
+	$(VENV)/bin/pip install --quiet -r requirements/release.txt
+	$(VENV)/bin/python tools/release.py
 
 clean: ## remove everything that a target made, environments included
 	rm -rf $(VENV) .venv-numpy1 out build install log dist *.egg-info .pytest_cache .mypy_cache .ruff_cache .import_linter_cache .hypothesis .benchmarks

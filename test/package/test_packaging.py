@@ -34,9 +34,16 @@ def test_the_manifest_is_one_that_colcon_takes_for_a_ros_package() -> None:
     assert package.licenses == ["Apache-2.0"]
 
 
-def test_manifest_and_build_description_tell_the_same_version() -> None:
-    setup = (ROOT / "setup.py").read_text(encoding="utf-8")
-    assert re.search(r'version="([^"]+)"', setup)[1] == manifest().findtext("version")  # type: ignore[index]
+def test_manifest_citation_changelog_and_build_description_state_the_same_version() -> None:
+    def stated(file: str, pattern: str) -> str:
+        match = re.search(pattern, (ROOT / file).read_text(encoding="utf-8"), re.MULTILINE)
+        assert match is not None, f"{file} states no version"
+        return match[1]
+
+    version = manifest().findtext("version")
+    assert stated("setup.py", r'version="([^"]+)"') == version
+    assert stated("CITATION.cff", r"^version: (\S+)$") == version
+    assert stated("CHANGELOG.md", r"^## (\d\S+) – \d{4}-\d{2}-\d{2}$") == version
 
 
 def test_versions_are_pinned_in_the_requirement_files_alone() -> None:
