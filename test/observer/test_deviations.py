@@ -39,7 +39,7 @@ def test_errors_on_a_car_that_is_loaded_and_on_a_road_that_grips_less_are_as_lar
 
 def test_the_covariance_of_the_acceleration_is_that_of_its_first_order(clean: Runner) -> None:
     """By differences of the model's accelerations: of a state that is drawn from the filter's belief."""
-    car, covariance = clean.car, clean.filter.belief().covariance
+    car, covariance = clean.filter.car, clean.filter.belief().covariance
     told = clean.snapshot().acceleration_covariance
 
     def accelerations() -> np.ndarray:
@@ -53,7 +53,7 @@ def test_the_covariance_of_the_acceleration_is_that_of_its_first_order(clean: Ru
 
 def test_the_deviations_of_tyre_forces_are_those_of_their_first_order(clean: Runner, vehicle: Vehicle) -> None:
     """Likewise, and what the car may weigh beyond its file."""
-    car, covariance = clean.car, clean.filter.belief().covariance
+    car, covariance = clean.filter.car, clean.filter.belief().covariance
     estimate = clean.snapshot()
     by_error = differences(car, lambda: clean.snapshot().wheels[:4].T.ravel().copy())
     variance = np.sum((by_error @ covariance) * by_error, axis=1).reshape(4, 4).T

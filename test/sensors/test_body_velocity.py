@@ -5,7 +5,6 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from vsense_ros import observer
 from vsense_ros.checks.inspect import inspect
 from vsense_ros.files.installed import vehicle_path
 from vsense_ros.files.vehicle import load_vehicle
@@ -13,6 +12,7 @@ from vsense_ros.manoeuvre import generate
 from vsense_ros.messages.recording import Recording
 from vsense_ros.model.sensors import BodyVelocity, known_topics
 from vsense_ros.model.vehicle import Vehicle
+from vsense_ros.runner import run
 
 AHEAD, YAW = 0.5, 0.1  # [m, rad] of its mounting
 
@@ -47,7 +47,7 @@ def test_the_observer_knows_the_lateral_velocity_better_with_it(drive: Recording
     truth = drive["reference/odometry"]
 
     def error(car: Vehicle) -> float:
-        found = observer.run(drive, car).output["vsense/odometry"]
+        found = run(drive, car).output["vsense/odometry"]
         lateral = np.interp(found.stamp, truth.stamp, truth.columns["linear"][:, 1])
         return float(np.sqrt(np.mean((found.columns["linear"][:, 1] - lateral) ** 2)))
 

@@ -62,6 +62,7 @@ class _Twin(Aided):
         made: Any = definition.make(numbers)
         size = len(made.memory)
         super().__init__(name, definition, numbers, sensors, behind=size)
+        self.reckoning = None  # of axes that are left out, which is not in the sources
         self._ours, self._theirs, self.difference = self.memory[:size], self.behind, difference
         self._there = made.at(self._theirs)  # the struct, as Python reads it
         self.other = Exported(library, self._theirs, [key for key in sensors if self.uses(key)])

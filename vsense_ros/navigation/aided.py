@@ -249,8 +249,8 @@ class Aided(Filter):
         """All that a reading (m,) of a sensor does. The normalized innovation squared that is returned compares with
         the `limit` of the sensor as the worst of its measurements does with its own."""
         use = self.use[sensor]
-        if sensor == self.inertial:
-            return self._correct_inertial(use, value, variance, limit, scale)
+        if sensor == self.inertial and self.reckoning is not None:
+            return self._correct_inertial(self.reckoning, use, value, variance, limit, scale)
         if self.reckoning is not None:
             self.reckoning.take(self._others[sensor], value)
         for memory in use.remembered:
@@ -278,7 +278,9 @@ class Aided(Filter):
             variances = np.where(variances > 0, variances, usual)
         return self.filter.correct(name, value, variances, most, scale)
 
-    def _correct_inertial(self, use: Use, value: Array, variance: Array, limit: float, scale: float) -> Innovation:
+    def _correct_inertial(
+        self, reckoning: Reckoning, use: Use, value: Array, variance: Array, limit: float, scale: float
+    ) -> Innovation:
         """All that a reading of the first inertial sensor does.
 
         Its innovation has one component for each of `AXES`, NaN where the filter does not use it, and one for each of
@@ -286,13 +288,10 @@ class Aided(Filter):
         square. Without a limit, all is believed.
         """
         gate = use.gate if isfinite(limit) else np.inf
-        whitened, deviations = [nan] * len(AXES), [1.0] * len(AXES)
-        refused: list[int] = []
-        if self.reckoning is not None:
-            whitened, deviations, refused = self.reckoning.read(value, variance, gate)
-            if refused:
-                value = value.copy()
-                value[refused] = nan
+        whitened, deviations, refused = reckoning.read(value, variance, gate)
+        if refused:
+            value = value.copy()
+            value[refused] = nan
         for memory in use.remembered:
             memory.renew(value)
         for name, make, own, usual in use.measurements:
