@@ -36,7 +36,8 @@ def test_the_package_makes_an_executable_of_it(odometer: Path, tmp_path: Path, m
     shutil.copytree(ROOT / "vsense_ros" / "node", tmp_path / "vsense_ros" / "node")
     shutil.copytree(ROOT / "requirements", tmp_path / "requirements")
     shutil.copy(odometer, tmp_path / "vsense_ros" / "node")
-    shutil.copy(ROOT / "setup.py", tmp_path)
+    for file in ("setup.py", "README.md"):
+        shutil.copy(ROOT / file, tmp_path)
     for folder in ("config", "launch", "bags"):
         (tmp_path / folder).mkdir()
     described: dict[str, dict[str, list[str]]] = {}

@@ -16,7 +16,6 @@ import pytest
 
 pytest.importorskip("rclpy", reason="ROS 2 (rclpy) is not installed here")
 
-from vsense_ros import observer
 from vsense_ros.bag import read_bag, write_bag
 from vsense_ros.bag.gnss_bytes import gnss_byte_stream
 from vsense_ros.driver import samples
@@ -191,7 +190,7 @@ def test_a_bag_as_fast_as_can_be_gives_what_the_observer_gives_without_ros(tmp_p
     run = run_through_ros(tmp_path / "drive", CAR, output_rate=1000.0)
     assert run.messages_lost == 0
     through = run.output["vsense/odometry"]
-    alone = observer.run(drive, load_vehicle(vehicle_path(CAR)), rate=1000.0).output["vsense/odometry"]
+    alone = run(drive, load_vehicle(vehicle_path(CAR)), rate=1000.0).output["vsense/odometry"]
     common, here, there = np.intersect1d(through.stamp, alone.stamp, return_indices=True)
     assert len(common) > 0.9 * len(alone)
     for field in ("position", "linear", "angular", "orientation"):
