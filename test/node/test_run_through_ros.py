@@ -27,7 +27,7 @@ from vsense_ros.messages.diagnostic import Level
 from vsense_ros.messages.recording import Channel, Recording, Sample
 from vsense_ros.node.processes import RosRun, run_through_ros
 from vsense_ros.observer.monitor import Limits, Range, save_limits
-from vsense_ros.runner.run import run as navigate
+from vsense_ros.runner.run import run as run_without_ros
 
 pytestmark = pytest.mark.slow
 
@@ -190,7 +190,7 @@ def test_a_bag_as_fast_as_can_be_gives_what_the_observer_gives_without_ros(tmp_p
     run = run_through_ros(tmp_path / "drive", CAR, output_rate=1000.0)
     assert run.messages_lost == 0
     through = run.output["vsense/odometry"]
-    alone = run(drive, load_vehicle(vehicle_path(CAR)), rate=1000.0).output["vsense/odometry"]
+    alone = run_without_ros(drive, load_vehicle(vehicle_path(CAR)), rate=1000.0).output["vsense/odometry"]
     common, here, there = np.intersect1d(through.stamp, alone.stamp, return_indices=True)
     assert len(common) > 0.9 * len(alone)
     for field in ("position", "linear", "angular", "orientation"):
@@ -202,7 +202,7 @@ def test_a_gnss_ins_filter_in_the_node_gives_what_it_gives_without_ros(tmp_path:
     """It publishes what it estimates, and nothing else."""
     drive = straight_drive()
     write_bag(tmp_path / "drive", drive)
-    alone = navigate(drive, load_vehicle(vehicle_path(CAR)), name, rate=1000.0).output
+    alone = run_without_ros(drive, load_vehicle(vehicle_path(CAR)), name, rate=1000.0).output
     chosen = {"observer": {"filter": name}}
     through = run_through_ros(tmp_path / "drive", CAR, output_rate=1000.0, driver_parameters=chosen).output
     assert {topic for topic, channel in through.channels.items() if len(channel)} == set(alone.channels)
