@@ -26,7 +26,7 @@ venv: ## the virtual environment that the other targets use
 	@mkdir -p out "$(HOME)"
 	@.ci/venv $(VENV) "$(PYTHON)" $(addprefix -r requirements/,all.txt ros.txt test.txt dev.txt)
 
-test: venv ## within ten minutes: lint, types, contracts, tests, colcon build, and a part again with numpy 1.26
+test: venv ## before a change lands: lint, types, contracts, tests, colcon build, and a part again with numpy 1.26
 	@mkdir -p out && .ci/test
 
 # EXAM="tests blind" takes some of its parts.
