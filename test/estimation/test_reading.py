@@ -95,7 +95,7 @@ def test_noise_is_told_with_whose_it_is() -> None:
 
 def test_noise_at_start_is_that_of_the_first_message_that_can_be_read() -> None:
     class Variances(Gyro):
-        """Of which a third component states the variance of both."""
+        """A sensor of two components whose message states the variance of both in a third."""
 
         def read(self, names: tuple[str, ...], values: Mapping[str, Array], value: Array, variance: Array) -> None:
             value[:], variance[:] = values["vector"][:2], values["vector"][2]
