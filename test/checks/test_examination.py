@@ -72,6 +72,25 @@ def test_a_drive_in_which_all_is_right_has_no_findings():
     assert findings(slalom()) == []
 
 
+def with_turning_wheels(front: float, rear: float) -> Recording:
+    """The slalom with wheels of both axles whose sides differ by so many times what the turning of the car asks for."""
+    spin, rate = SPEED / RADIUS, slalom()[IMU].columns["angular_velocity"][:, 2]
+    half = 0.75 * rate / RADIUS  # of a track of 1.5 m
+    spins = {f"{axle}{side}": spin + sign * factor * half
+             for axle, factor in (("f", front), ("r", rear)) for side, sign in (("l", -1), ("r", 1))}  # fmt: skip
+    joints = build.joints(WHEELS, slalom()[IMU].stamp, "velocity", {f"wheel_{w}": v for w, v in spins.items()})
+    return changed(WHEELS, lambda _: joints)
+
+
+@pytest.mark.parametrize(
+    ("front", "rear", "expected"),
+    [(1.0, 1.0, []), (-1.0, -1.0, [Reason.WHEEL_SIDES]), (1.0, -1.0, [])],
+    ids=["as the car turns", "sides exchanged", "a torque across the rear axle, whose wheels slip"],
+)
+def test_wheels_are_exchanged_only_where_both_axles_turn_against_the_car(front, rear, expected):
+    assert [finding.reason for finding in findings(with_turning_wheels(front, rear))] == expected
+
+
 @pytest.mark.parametrize(
     ("topic", "change", "kind", "reason", "signal"),
     [

@@ -6,6 +6,7 @@ import subprocess
 import sys
 from importlib.metadata import EntryPoint
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import pytest
@@ -14,10 +15,11 @@ pytest.importorskip("rclpy", reason="ROS 2 (rclpy) is not installed here")
 
 from pydantic import BaseModel
 
+from vsense_ros.errors import InputError
 from vsense_ros.messages.diagnostic import Level
 from vsense_ros.node import extensions
 from vsense_ros.node.extensions import Extension
-from vsense_ros.node.parameters import NodeParameters
+from vsense_ros.node.parameters import NodeParameters, declare
 
 ROOT = Path(__file__).parents[2]
 
@@ -58,6 +60,40 @@ def test_an_extension_that_cannot_be_imported_is_a_sentence_and_the_others_work(
     (line,) = extensions.fault_lines()
     assert line.level == Level.WARN
     assert "broken" in line.message
+
+
+class Recorder:
+    """The part of a ROS node that declares parameters, with values that were given at its start."""
+
+    def __init__(self, **values: Any) -> None:
+        self._parameter_overrides = {name: SimpleNamespace(value=value) for name, value in values.items()}
+        self.warnings: list[str] = []
+        self.declared: list[str] = []
+
+    def get_logger(self) -> Any:
+        return SimpleNamespace(warning=self.warnings.append)
+
+    def declare_parameter(self, name: str, *_: Any) -> None:
+        self.declared.append(name)
+
+
+def test_a_parameter_of_an_extension_that_cannot_be_imported_is_a_warning_and_the_node_goes_on(
+    entries: list[Any],
+) -> None:
+    entries.append(EntryPoint("broken", "no_such_package.module:Broken", extensions.GROUP))
+    node: Any = Recorder(factor=3.0, autostart=False)
+    declare(node, extensions.with_extensions(NodeParameters, "Combined"))
+    (warning,) = node.warnings
+    assert "'factor'" in warning
+    assert "no_such_package" in warning
+    assert set(node.declared) == set(NodeParameters.model_fields)
+
+
+def test_an_unknown_parameter_is_refused_when_every_extension_could_be_imported(entries: list[Any]) -> None:
+    entries.append(EntryPoint("doubled", f"{__name__}:Doubled", extensions.GROUP))
+    node: Any = Recorder(factr=3.0)
+    with pytest.raises(InputError, match="no parameter 'factr'"):
+        declare(node, extensions.with_extensions(NodeParameters, "Combined"))
 
 
 def test_the_observer_node_imports_no_extension_by_itself() -> None:

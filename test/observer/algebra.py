@@ -14,7 +14,8 @@ from vsense_ros import codegen
 from vsense_ros.estimation.ekf import Ekf
 from vsense_ros.estimation.gaussian import COMPONENTS
 from vsense_ros.model.car.steps import GAMMA
-from vsense_ros.observer.car_blocks import CarBlocks, Process, Sensed
+from vsense_ros.observer.car_blocks import CarBlocks
+from vsense_ros.observer.car_memory import Process, Sensed
 from vsense_ros.observer.car_operations import ModelStructure, SensedStructure
 from vsense_ros.observer.state import DISTURB, DYNAMIC, FORCE, FORWARD, GAIN_COLUMNS, Layout, Q, U
 

@@ -32,6 +32,7 @@ class MotionSettings:
     slowest_course: float = setting(5.0, "m/s", "below it the course of a GNSS velocity says little", JUDGEMENT)
     hard_braking: float = setting(4.0, "m/s²", "of braking from where on wheels may lock, which do not steer")
     least_turning: float = setting(0.02, "rad/s", "standard deviation of a turning rate that shows how the car turns")
+    axles_contradict: float = setting(-0.3, "-", "correlation of the turning rates by the front and rear wheels")
     wheel_spin: float = setting(0.5, "rad/s", "of a wheel, below which no rolling radius follows", JUDGEMENT)
     rolling_radius: float = setting(0.32, "m", "of a wheel of a passenger car", "ETRTO, 205/55 R16: 0.316 m")
     track_width: float = setting(1.5, "m", "of a passenger car", "Milliken, Race Car Vehicle Dynamics (1995)")
@@ -149,12 +150,23 @@ def _add_wheels(motion: Motion, *, known: bool) -> None:
     if not known:
         motion.speed = np.abs(rolling)
     motion.pushes[WHEELS] = m.slope(m.smooth(rolling, SETTINGS.quick_rolling), SETTINGS.span)
+    by_axle = []
     for axle in "rf":
         left, right = f"wheel_{axle}l", f"wheel_{axle}r"
         if left in signals and right in signals:
             difference = m.smooth(signals[right] - signals[left], SETTINGS.span)
-            motion.turns[WHEELS] = difference * radius / SETTINGS.track_width
-            break
+            by_axle.append(difference * radius / SETTINGS.track_width)
+    if by_axle and not _contradict(motion, by_axle):
+        motion.turns[WHEELS] = by_axle[0]
+
+
+def _contradict(motion: Motion, by_axle: list[Array]) -> bool:
+    """Check whether the wheels of one axle turn the car against those of the other, as they do where a torque is moved
+    from one side of an axle to the other. Wheels whose sides are exchanged turn it the same way on both."""
+    if len(by_axle) < 2 or min(map(spread, by_axle)) < SETTINGS.least_turning:
+        return False
+    compared = motion.compare(*by_axle)
+    return compared is not None and compared.correlation < SETTINGS.axles_contradict
 
 
 def _add_inertial(motion: Motion) -> None:

@@ -26,7 +26,7 @@ from vsense_ros.model.effects.base import SPACING, RoadEffect
 from vsense_ros.model.parameter import units
 from vsense_ros.model.sensors import SensorBase
 from vsense_ros.model.vehicle import Vehicle
-from vsense_ros.observer.car_blocks import SURVEYED
+from vsense_ros.observer.car_memory import SURVEYED
 from vsense_ros.observer.catalogue import FILTERS, require_parameters, spi
 from vsense_ros.observer.parameter_filter import ParameterFilter
 from vsense_ros.observer.road_map import (

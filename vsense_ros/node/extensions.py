@@ -83,9 +83,10 @@ def installed() -> tuple[tuple[type[Extension], ...], tuple[str, ...]]:
 
 def with_extensions(model: type[Parameters], name: str) -> type[Parameters]:
     """Parameters of a node together with those of all installed extensions, as a class of this name."""
-    extensions, _ = installed()
+    extensions, faults = installed()
     bases: Any = (model, *(extension.Parameters for extension in extensions))  # of several classes, for pydantic alone
     combined: type[Parameters] = create_model(name, __base__=bases, __module__=model.__module__, __doc__=model.__doc__)
+    combined.unavailable = faults
     return combined
 
 

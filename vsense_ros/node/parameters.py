@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections.abc import Collection, Mapping, Sequence
 from difflib import get_close_matches
 from itertools import pairwise
-from typing import Any, TypeVar
+from typing import Any, ClassVar, TypeVar
 
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 from rcl_interfaces.msg import FloatingPointRange, IntegerRange, ParameterDescriptor
@@ -32,6 +32,8 @@ class NodeParameters(BaseModel):
     """What every node has. Units stand in `json_schema_extra`, as in vehicle files."""
 
     model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False)
+
+    unavailable: ClassVar[tuple[str, ...]] = ()  # sentences about extensions whose parameters are therefore unknown
 
     autostart: bool = Field(True, description="configure and activate at start; otherwise wait for lifecycle services")
     lock_memory: bool = Field(
@@ -90,12 +92,18 @@ def declare(node: Node, model: type[NodeParameters], shared: Collection[str] = (
     """Declare all fields of `model` as parameters of `node`.
 
     Raises `InputError` for an override that is no parameter of the node or cannot be one of its values, but for names
-    in `shared`, which were meant for all nodes.
+    in `shared`, which were meant for all nodes. If an extension of the node could not be imported, an unknown name may
+    be a parameter of it: then a warning says that it has no effect, and the node goes on.
     """
     overrides: Mapping[str, Parameter] = node._parameter_overrides  # rclpy has no public way to ask for these
     unknown = [n for n in overrides if n not in model.model_fields and n not in _OF_ROS and not n.startswith("qos_")]
     foreign = [name for name in unknown if name not in shared]
-    if foreign:
+    if foreign and model.unavailable:
+        node.get_logger().warning(
+            f"no parameter {', '.join(map(repr, foreign))} is known; it has no effect. It may be one of an extension: "
+            f"{'; '.join(model.unavailable)}"
+        )
+    elif foreign:
         raise InputError(f"no parameter {', '.join(map(repr, foreign))}; expected {', '.join(model.model_fields)}")
     for name in unknown:
         if alike := get_close_matches(name, model.model_fields, 1, 0.85):

@@ -13,17 +13,13 @@ Without a compiler the same is done here with full matrices.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import dataclass
-from typing import ClassVar, NamedTuple
+from typing import ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
 
-from vsense_ros.codegen import Kernel
 from vsense_ros.estimation.filter import Gaussian
-from vsense_ros.model.car.car import Car, car_of
-from vsense_ros.model.car.steps import GAMMA, compiled_wheel_forces, model_functions, sensor_functions
+from vsense_ros.model.car.steps import GAMMA
 from vsense_ros.model.coordinates import (
     ATTITUDE,
     BANK,
@@ -31,19 +27,17 @@ from vsense_ros.model.coordinates import (
     COORDINATES,
     GRADE,
     GRADE_CHANGE,
-    INPUTS,
     POSE,
-    ROAD,
     ROAD_HEIGHT,
     SURFACE,
 )
 from vsense_ros.model.sensors import SensorBase
 from vsense_ros.model.vehicle import Vehicle
+from vsense_ros.observer.car_memory import SLOW, CarMemory, Process
 from vsense_ros.observer.car_operations import SINGULAR, CarOperations
 from vsense_ros.observer.state import (
     DISTURB,
     DYNAMIC,
-    FOLLOWED,
     FORCE,
     FORM,
     FORWARD,
@@ -56,157 +50,33 @@ from vsense_ros.observer.state import (
     Q,
     U,
     couple,
-    largest_state,
-    layout,
     rolling_state,
 )
 
 Array = NDArray[np.float64]
 
-SURVEYED = 4  # numbers: where the road was last looked up, and what was known of it there
-_SLOW = U.stop  # states from here on decay by themselves, towards a mean
 _UNIT = np.eye(COORDINATES)
-ROADS = ROAD.stop  # states of the road under the car
 _OF_FORCES = np.concatenate([DYNAMIC, np.arange(U.start, U.stop), np.arange(DISTURB.start, DISTURB.stop)])
 TWIST_SIZE = TWIST.stop - TWIST.start
-ROAD_SLOW = slice(ROAD_STATES.start - _SLOW, ROAD_STATES.stop - _SLOW)  # of the states behind the velocities
+ROAD_SLOW = slice(ROAD_STATES.start - SLOW, ROAD_STATES.stop - SLOW)  # of the states behind the velocities
 
 
-@dataclass(frozen=True)
-class Sensed:
-    """What the filter needs of a sensor: its function, bound to the state, and where its biases stand."""
-
-    index: int
-    kernel: Kernel  # results: expected (m, 1), and Jacobians by q, u, udot, disturbances
-    biases: slice
-    uses_acceleration: bool
-    mounting: Array
-
-
-class Process(NamedTuple):
-    """Decay of the states behind the velocities within some time and variance that it adds to them, (n - 28,) each, and
-    where the two stand, one after the other."""
-
-    decay: Array
-    noise: Array
-    address: int
-
-    @classmethod
-    def of(cls, decay: Array, noise: Array) -> Process:
-        """With both in one array, as C reads them."""
-        both = np.array([decay, noise])
-        return cls(both[0], both[1], both.ctypes.data)
-
-
-class CarBlocks:
-    """One vehicle with one set of sensors.
-
-    `mean` (n,) holds coordinates, velocities, generalized forces, disturbances and biases; `covariance` (n, n) belongs
-    to the errors of the same elements, with accelerations [m/s², rad/s²] in place of the forces. `inputs` (5,) drive
-    the model, `surveyed` (4,) is where the road was last looked up, east and north [m], and for each of its slopes 1
-    where it was known. All this and the last linearisation stand in `memory`. A filter that is built upon this one may
-    keep `extra` numbers of its own there.
-    """
+class CarBlocks(CarMemory):
+    """One vehicle with one set of sensors, and the steps and corrections of its filter."""
 
     in_blocks: ClassVar[bool] = True  # C knows the step
 
     def __init__(
         self, vehicle: Vehicle, sensors: dict[str, SensorBase], *, extra: int = 0, prior: Prior | None = None
     ) -> None:
-        self.vehicle, self.sensor_list = vehicle, tuple(sensors.values())
-        self.layout = layout(sensors)
-        self.names, self.sensors = self.layout.names, tuple(sensors)
-        self.prior = Prior.of(vehicle, sensors) if prior is None else prior
-        self.car = car_of(vehicle)
-        self.functions = model_functions(self.car)
-        self._allocate(extra)
-        self._bind(self.car, sensors)
-        self.largest = largest_state(self.layout.size)
-        self._processes: dict[int, Process] = {}
+        super().__init__(vehicle, sensors, extra=extra, prior=prior)
         self.operations = CarOperations.of(self) if self.in_blocks else None
-
-    def _allocate(self, extra: int) -> None:
-        n = self.layout.size
-        physical = self.vehicle.parameter_vector()
-        jacobians = self.functions["linearize"].nnz_out()
-        sizes = {
-            "mean": n,
-            "inputs": len(INPUTS),
-            "covariance": n * n,
-            "effects": self.car.internal_state.numel(),
-            "linearization": jacobians,
-            "parameters": len(physical),
-            "extra": extra,
-            "reversion_mean": n - _SLOW,
-            "surveyed": SURVEYED,
-        }
-        self.memory = np.zeros(sum(sizes.values()))
-        parts = dict(zip(sizes, np.split(self.memory, np.cumsum([*sizes.values()][:-1]).tolist()), strict=True))
-        self.mean, self.inputs, self.effects = parts["mean"], parts["inputs"], parts["effects"]
-        self.covariance = parts["covariance"].reshape(n, n)
-        self.linearization, self.parameters, self.extra = parts["linearization"], parts["parameters"], parts["extra"]
-        self.reversion_mean, self.surveyed = parts["reversion_mean"], parts["surveyed"]
-        self.parameters[:] = physical
-        self.reversion_mean[:] = self.prior.reversion_mean[_SLOW:]
-        # What is made anew in every step, and need not be kept.
-        self.inverse = np.zeros((COORDINATES, COORDINATES), order="F")  # (I - γ h J)⁻¹, which the model's step needs
-        self.gain = np.zeros((COORDINATES, len(GAIN_COLUMNS)))  # errors of the velocities by those before the step
-        self.error, self.h = np.zeros(n), np.zeros(1)
-        self.roughness, self.levers = self.prior.roughness.copy(), self.prior.levers.copy()
-        self.road_map = np.zeros((ROADS, len(FOLLOWED)))  # the road by how the car moves and by what it was before
-
-    def _bind(self, car: Car, sensors: dict[str, SensorBase]) -> None:
-        """The functions of the model and the sensors, to the arrays."""
-        functions = self.functions
-        q, u, force, around = (self.mean[part] for part in (Q, U, FORCE, DISTURB))
-        self.arguments = [q, u, force, around, self.inputs, self.parameters, self.effects]
-        self.linearized = Kernel(functions["linearize"], self.arguments, self.linearization)
-        self.udot, self.by_q, self.by_u, self.by_disturbances, self.by_q_rates = self.linearized.results
-        self.kinematics = Kernel(functions["kinematics"], [q, u, around])
-        flat = [m.reshape(-1, order="F") for m in (self.inverse, self.by_q)]
-        self.advanced = Kernel(functions["advance"], [*self.arguments, self.h, *flat])
-        self.remembered = Kernel(functions["internal_state"], [*self.arguments, self.h]) if self.effects.size else None
-        self.forces = Kernel(
-            functions["force"], [q, self.inputs, around, self.parameters, self.effects, self.error[FORCE]]
-        )
-        self._present = Kernel(functions["dynamics"], self.arguments)
-        self._wheel_forces = Kernel(compiled_wheel_forces(car), self.arguments)
-        sensing = sensor_functions(car, self.sensor_list)
-        self.sensed: dict[str, Sensed] = {}
-        for i, (name, sensor, biases) in enumerate(
-            zip(self.sensors, self.sensor_list, self.layout.biases, strict=True)
-        ):
-            if not sensor.is_input:
-                mounting = np.asarray(sensor.mounting(), dtype=float)
-                bound = [q, u, self.udot, around, self.inputs, self.mean[biases], mounting]
-                kernel = Kernel(sensing[sensor.kind], bound)
-                self.sensed[name] = Sensed(i, kernel, biases, sensor.uses_acceleration, mounting)
-        names = car.parameter_names
-        self.components: Mapping[str, int] = {
-            name: len(self.sensor_list[one.index].deviations()) for name, one in self.sensed.items()
-        }
-        self._distances = np.array([names.index(f"chassis.cog_to_{axle}_axle") for axle in ("front", "rear")])
-
-    def process(self, h: float) -> Process:
-        """What happens within `h` [s] to the states behind the velocities.
-
-        Kept for steps of equal length to 10 µs: a thousandth of a step changes less than the settings are known to.
-        """
-        length = max(round(h * 1e5), 1)
-        known = self._processes.get(length)
-        if known is None:
-            h = length * 1e-5
-            prior = self.prior
-            decay = np.exp(-h * prior.rate[_SLOW:])
-            noise = prior.deviation[_SLOW:] ** 2 * (1 - decay**2) + prior.density[_SLOW:] * h
-            known = self._processes[length] = Process.of(decay, noise)
-        return known
 
     # Beginning
 
     def forget(self) -> None:
         """All but mean and covariance as before any measurement."""
-        self.reversion_mean[:] = self.prior.reversion_mean[_SLOW:]
+        self.reversion_mean[:] = self.prior.reversion_mean[SLOW:]
         self.surveyed[:] = np.inf, np.inf, 0.0, 0.0
         self.parameters[:] = self.vehicle.parameter_vector()
         self.inputs[:] = 0.0
@@ -214,7 +84,7 @@ class CarBlocks:
 
     def rolling(self, speed: float) -> Gaussian:
         """A car that rolls straight ahead at `speed` [m/s], known as little as before any measurement."""
-        mean = np.concatenate([rolling_state(self.vehicle, speed), self.prior.reversion_mean[_SLOW:]])
+        mean = np.concatenate([rolling_state(self.vehicle, speed), self.prior.reversion_mean[SLOW:]])
         return Gaussian(mean, self.prior.covariance)
 
     def start(self, belief: Gaussian) -> None:
@@ -226,7 +96,7 @@ class CarBlocks:
         higher [rad], go back to these, and what they change by along the way [rad/m] to `changes` (2,); where `along`
         (2,) is 1 the car has come to them on a road that has them, and those that are estimated change as these do."""
         for part, target in ((SLOPES, slopes), (SLOPE_CHANGES, changes)):
-            mean = self.reversion_mean[part.start - _SLOW : part.stop - _SLOW]
+            mean = self.reversion_mean[part.start - SLOW : part.stop - SLOW]
             self.mean[part] += along * (target - mean)
             mean[:] = target
 
@@ -284,7 +154,7 @@ class CarBlocks:
             self.road_map[slope, TWIST_SIZE + slope] += 1.0
             self.road_map[change, TWIST_SIZE + change] = decay
             self.road_map[change, TWIST_SIZE + slope] = -decay * way * back
-            noise[ROAD_STATES.start - _SLOW + change] += variance * (1 - decay**2)
+            noise[ROAD_STATES.start - SLOW + change] += variance * (1 - decay**2)
         return noise
 
     def transition(self, h: float, decay: Array) -> Array:
@@ -302,7 +172,7 @@ class CarBlocks:
         road = f[ROAD_STATES]
         road[:, FORM] = self.road_map[:, TWIST_SIZE:]
         road += self.road_map[:, :TWIST_SIZE] @ f[TWIST]
-        f[_SLOW:] *= decay[:, None]
+        f[SLOW:] *= decay[:, None]
         return f
 
     def propagate(self, f: Array, noise: Array) -> None:
@@ -319,7 +189,7 @@ class CarBlocks:
 
     def move(self, coordinates: Array, velocities: Array, h: float, process: Process) -> None:
         """Take the state after a step of `h` [s]; the slow states go back towards their means."""
-        self.relax(self.mean[_SLOW:], h, velocities - self.mean[U], process)
+        self.relax(self.mean[SLOW:], h, velocities - self.mean[U], process)
         self.mean[Q], self.mean[U] = coordinates, velocities
 
     def relax(self, slow: Array, h: float, faster: Array, process: Process) -> None:

@@ -1,11 +1,10 @@
-"""What C does on the memory of `CarBlocks`, in one call each: car_blocks.c and car_live.c, bound to its arrays."""
+"""Steps of a car in C, in one call each: car_blocks.c and car_live.c, bound to the arrays of `CarMemory`."""
 
 from __future__ import annotations
 
 import ctypes
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,9 +13,7 @@ from vsense_ros.codegen import Entry, Kernel
 from vsense_ros.estimation.gaussian import COMPONENTS
 from vsense_ros.estimation.operations import ADDRESS, Operations, library
 from vsense_ros.model.car.steps import GAMMA
-
-if TYPE_CHECKING:
-    from vsense_ros.observer.car_blocks import CarBlocks, Sensed
+from vsense_ros.observer.car_memory import CarMemory, Sensed
 
 Array = NDArray[np.float64]
 
@@ -124,7 +121,7 @@ class CarOperations(Operations):
     def __init__(
         self,
         compiled: ctypes.CDLL,
-        car: CarBlocks,
+        car: CarMemory,
         live: _Live,
         sensors: Mapping[str, tuple[_Sensor, int]],
         found: tuple[Array, Array],
@@ -134,7 +131,7 @@ class CarOperations(Operations):
         self._car, self._bound, self._bound_sensors, self._kept = car, live, sensors, [*keep]
 
     @classmethod
-    def of(cls, car: CarBlocks) -> CarOperations | None:
+    def of(cls, car: CarMemory) -> CarOperations | None:
         """None where there is no compiler."""
         kernels = {
             "linearize": car.linearized,
@@ -204,7 +201,7 @@ class CarOperations(Operations):
         return True
 
 
-def _filter(car: CarBlocks, whitened: Array, factor: Array) -> tuple[_Filter, list[Array]]:
+def _filter(car: CarMemory, whitened: Array, factor: Array) -> tuple[_Filter, list[Array]]:
     """The arrays of a car as C knows them, and those of them that live nowhere else."""
     coordinates, velocities = (r.reshape(-1, order="F") for r in car.advanced.results)
     kinematics = car.kinematics.results

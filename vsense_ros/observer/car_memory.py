@@ -1,0 +1,166 @@
+"""The numbers of a multibody car in a filter, and the functions of its model and sensors that are bound to them.
+
+Everything that a filter of the car has to keep from one step to the next stands in one array, so that it can be copied,
+compared and handed to C at once.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from vsense_ros.codegen import Kernel
+from vsense_ros.model.car.car import Car, car_of
+from vsense_ros.model.car.steps import compiled_wheel_forces, model_functions, sensor_functions
+from vsense_ros.model.coordinates import COORDINATES, INPUTS, ROAD
+from vsense_ros.model.sensors import SensorBase
+from vsense_ros.model.vehicle import Vehicle
+from vsense_ros.observer.state import (
+    DISTURB,
+    FOLLOWED,
+    FORCE,
+    GAIN_COLUMNS,
+    Prior,
+    Q,
+    U,
+    largest_state,
+    layout,
+)
+
+Array = NDArray[np.float64]
+
+SURVEYED = 4  # numbers: where the road was last looked up, and what was known of it there
+SLOW = U.stop  # states from here on decay by themselves, towards a mean
+ROADS = ROAD.stop  # states of the road under the car
+
+
+@dataclass(frozen=True)
+class Sensed:
+    """What the filter needs of a sensor: its function, bound to the state, and where its biases stand."""
+
+    index: int
+    kernel: Kernel  # results: expected (m, 1), and Jacobians by q, u, udot, disturbances
+    biases: slice
+    uses_acceleration: bool
+    mounting: Array
+
+
+class Process(NamedTuple):
+    """Decay of the states behind the velocities within some time and variance that it adds to them, (n - 28,) each, and
+    where the two stand, one after the other."""
+
+    decay: Array
+    noise: Array
+    address: int
+
+    @classmethod
+    def of(cls, decay: Array, noise: Array) -> Process:
+        """With both in one array, as C reads them."""
+        both = np.array([decay, noise])
+        return cls(both[0], both[1], both.ctypes.data)
+
+
+class CarMemory:
+    """The state, covariance and last linearisation of one vehicle with one set of sensors.
+
+    `mean` (n,) holds coordinates, velocities, generalized forces, disturbances and biases; `covariance` (n, n) belongs
+    to the errors of the same elements, with accelerations [m/s², rad/s²] in place of the forces. `inputs` (5,) drive
+    the model, `surveyed` (4,) is where the road was last looked up, east and north [m], and for each of its slopes 1
+    where it was known. All this and the last linearisation stand in `memory`. A filter that is built upon this one may
+    keep `extra` numbers of its own there.
+    """
+
+    def __init__(
+        self, vehicle: Vehicle, sensors: dict[str, SensorBase], *, extra: int = 0, prior: Prior | None = None
+    ) -> None:
+        self.vehicle, self.sensor_list = vehicle, tuple(sensors.values())
+        self.layout = layout(sensors)
+        self.names, self.sensors = self.layout.names, tuple(sensors)
+        self.prior = Prior.of(vehicle, sensors) if prior is None else prior
+        self.car = car_of(vehicle)
+        self.functions = model_functions(self.car)
+        self._allocate(extra)
+        self._bind(self.car, sensors)
+        self.largest = largest_state(self.layout.size)
+        self._processes: dict[int, Process] = {}
+
+    def _allocate(self, extra: int) -> None:
+        n = self.layout.size
+        physical = self.vehicle.parameter_vector()
+        jacobians = self.functions["linearize"].nnz_out()
+        sizes = {
+            "mean": n,
+            "inputs": len(INPUTS),
+            "covariance": n * n,
+            "effects": self.car.internal_state.numel(),
+            "linearization": jacobians,
+            "parameters": len(physical),
+            "extra": extra,
+            "reversion_mean": n - SLOW,
+            "surveyed": SURVEYED,
+        }
+        self.memory = np.zeros(sum(sizes.values()))
+        parts = dict(zip(sizes, np.split(self.memory, np.cumsum([*sizes.values()][:-1]).tolist()), strict=True))
+        self.mean, self.inputs, self.effects = parts["mean"], parts["inputs"], parts["effects"]
+        self.covariance = parts["covariance"].reshape(n, n)
+        self.linearization, self.parameters, self.extra = parts["linearization"], parts["parameters"], parts["extra"]
+        self.reversion_mean, self.surveyed = parts["reversion_mean"], parts["surveyed"]
+        self.parameters[:] = physical
+        self.reversion_mean[:] = self.prior.reversion_mean[SLOW:]
+        # What is made anew in every step, and need not be kept.
+        self.inverse = np.zeros((COORDINATES, COORDINATES), order="F")  # (I - γ h J)⁻¹, which the model's step needs
+        self.gain = np.zeros((COORDINATES, len(GAIN_COLUMNS)))  # errors of the velocities by those before the step
+        self.error, self.h = np.zeros(n), np.zeros(1)
+        self.roughness, self.levers = self.prior.roughness.copy(), self.prior.levers.copy()
+        self.road_map = np.zeros((ROADS, len(FOLLOWED)))  # the road by how the car moves and by what it was before
+
+    def _bind(self, car: Car, sensors: dict[str, SensorBase]) -> None:
+        """The functions of the model and the sensors, to the arrays."""
+        functions = self.functions
+        q, u, force, around = (self.mean[part] for part in (Q, U, FORCE, DISTURB))
+        self.arguments = [q, u, force, around, self.inputs, self.parameters, self.effects]
+        self.linearized = Kernel(functions["linearize"], self.arguments, self.linearization)
+        self.udot, self.by_q, self.by_u, self.by_disturbances, self.by_q_rates = self.linearized.results
+        self.kinematics = Kernel(functions["kinematics"], [q, u, around])
+        flat = [m.reshape(-1, order="F") for m in (self.inverse, self.by_q)]
+        self.advanced = Kernel(functions["advance"], [*self.arguments, self.h, *flat])
+        self.remembered = Kernel(functions["internal_state"], [*self.arguments, self.h]) if self.effects.size else None
+        self.forces = Kernel(
+            functions["force"], [q, self.inputs, around, self.parameters, self.effects, self.error[FORCE]]
+        )
+        self._present = Kernel(functions["dynamics"], self.arguments)
+        self._wheel_forces = Kernel(compiled_wheel_forces(car), self.arguments)
+        sensing = sensor_functions(car, self.sensor_list)
+        self.sensed: dict[str, Sensed] = {}
+        for i, (name, sensor, biases) in enumerate(
+            zip(self.sensors, self.sensor_list, self.layout.biases, strict=True)
+        ):
+            if not sensor.is_input:
+                mounting = np.asarray(sensor.mounting(), dtype=float)
+                bound = [q, u, self.udot, around, self.inputs, self.mean[biases], mounting]
+                kernel = Kernel(sensing[sensor.kind], bound)
+                self.sensed[name] = Sensed(i, kernel, biases, sensor.uses_acceleration, mounting)
+        names = car.parameter_names
+        self.components: Mapping[str, int] = {
+            name: len(self.sensor_list[one.index].deviations()) for name, one in self.sensed.items()
+        }
+        self._distances = np.array([names.index(f"chassis.cog_to_{axle}_axle") for axle in ("front", "rear")])
+
+    def process(self, h: float) -> Process:
+        """What happens within `h` [s] to the states behind the velocities.
+
+        Kept for steps of equal length to 10 µs: a thousandth of a step changes less than the settings are known to.
+        """
+        length = max(round(h * 1e5), 1)
+        known = self._processes.get(length)
+        if known is None:
+            h = length * 1e-5
+            prior = self.prior
+            decay = np.exp(-h * prior.rate[SLOW:])
+            noise = prior.deviation[SLOW:] ** 2 * (1 - decay**2) + prior.density[SLOW:] * h
+            known = self._processes[length] = Process.of(decay, noise)
+        return known
