@@ -10,7 +10,7 @@ import pytest
 from vsense_ros import codegen
 from vsense_ros.codegen import Kernel
 from vsense_ros.files.vehicle import load_vehicle
-from vsense_ros.mismatch.simulation import with_all_effects
+from vsense_ros.mismatch.effect_parameters import with_all_effects
 from vsense_ros.model.car.car import Car, car_of
 from vsense_ros.model.car.steps import advance_function, dynamics_function, linearize_function
 from vsense_ros.model.coordinates import DISTURBANCES

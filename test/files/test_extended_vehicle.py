@@ -20,7 +20,7 @@ from vsense_ros.files.installed import vehicle_path
 from vsense_ros.files.vehicle import load_vehicle, save_vehicle
 from vsense_ros.messages.diagnostic import Level
 from vsense_ros.messages.recording import Recording
-from vsense_ros.mismatch.simulation import with_all_effects
+from vsense_ros.mismatch.effect_parameters import with_all_effects
 from vsense_ros.model.car.car import car_of
 from vsense_ros.model.coordinates import DISTURBANCES, YAW, X
 from vsense_ros.model.effects import EVERY, Effects

@@ -13,7 +13,13 @@ from vsense_ros.estimation.reading import Map
 from vsense_ros.identify.free_parameter import FreeParameter, added
 from vsense_ros.identify.least_squares import Fit
 from vsense_ros.identify.parameter_set import ParameterSet
-from vsense_ros.mismatch.cross_validation import by_pieces, by_stretches, by_windows, passed_once, pieces_alone_tell
+from vsense_ros.mismatch.cross_validation import (
+    by_pieces,
+    by_stretches,
+    by_windows,
+    only_pieces_can_validate,
+    passed_once,
+)
 from vsense_ros.mismatch.road import ROAD_SETTINGS, Road
 from vsense_ros.mismatch.signals import grid
 from vsense_ros.mismatch.windows import Dataset, Readings
@@ -95,6 +101,6 @@ def recordings_of(*roads: float) -> SimpleNamespace:
 
 
 def test_several_short_recordings_of_roads_of_their_own_are_proven_by_dropping_each_in_turn():
-    assert not pieces_alone_tell(recordings_of(*8 * [300.0]))
-    assert pieces_alone_tell(recordings_of(*2 * [800.0]))
-    assert pieces_alone_tell(recordings_of(300.0))
+    assert not only_pieces_can_validate(recordings_of(*8 * [300.0]))
+    assert only_pieces_can_validate(recordings_of(*2 * [800.0]))
+    assert only_pieces_can_validate(recordings_of(300.0))

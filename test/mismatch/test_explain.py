@@ -14,11 +14,11 @@ import pytest
 from hidden import driven, having, prototype, without, wrong
 from vsense_ros.errors import InputError
 from vsense_ros.files.vehicle import load_vehicle
-from vsense_ros.mismatch.answer import NO_COURSE
 from vsense_ros.mismatch.answer_schema import Answer, read_answer
 from vsense_ros.mismatch.candidates import candidates
 from vsense_ros.mismatch.design import NEXT
 from vsense_ros.mismatch.explain import EXTENDED, ROAD, explain_recordings
+from vsense_ros.mismatch.remarks import NO_COURSE
 from vsense_ros.mismatch.residuals import Residuals
 from vsense_ros.mismatch.simulation import Predictor
 from vsense_ros.mismatch.windows import build_dataset

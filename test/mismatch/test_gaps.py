@@ -29,7 +29,7 @@ def test_windows_without_gnss_are_simulated_like_others_and_their_car_drives_on(
     assert len(dataset.windows) > 1
     predictor = Predictor(prototype(), dataset)
     assert all(predictor.simulated(predictor.start))
-    for window, (_, place) in zip(dataset.windows, predictor._way, strict=True):
+    for window, (_, place) in zip(dataset.windows, predictor.roads.way, strict=True):
         t = np.linspace(window.begin, window.end, 500)
         driven_on = trapezoid(np.interp(t, window.speed.t, window.speed.value[:, 0]), t)
         assert place[-1] - place[0] == pytest.approx(driven_on, rel=0.05)

@@ -79,7 +79,7 @@ def searching(**hidden: float) -> Search:
     residuals = Readings(**hidden)
     base = fit(residuals, START, [FreeParameter("mass", "-", 0.01, -0.6, 0.6, added("mass"))])
     search = Search(residuals, START, base, list(CANDIDATES.values()))
-    search._in_pieces = False
+    search.validation.is_validated_by_pieces_alone = False
     return search
 
 
@@ -92,7 +92,7 @@ def test_two_effects_of_which_neither_shows_alone_are_found_together(besides: di
         rounds.append(further)
     best = max((e for some in rounds for e in some), key=lambda e: e.score)
     assert set(best.effects) == {CANDIDATES[key].effect for key in ("offset", "turned", *besides)}
-    sizes = search.unshrunk(best).sizes
+    sizes = search.fitting.unshrunk(best).sizes
     # The roll rate alone tells the two apart: by least squares, with this standard deviation.
     rates = np.concatenate(search.residuals._yaw_rates)
     turned = NOISE["roll_rate"] / float(np.linalg.norm(rates))
@@ -102,4 +102,4 @@ def test_two_effects_of_which_neither_shows_alone_are_found_together(besides: di
 
 def test_where_one_of_the_two_is_there_alone_they_do_not_hide_each_other():
     search = searching(turned=TURNED)
-    assert search._hiding_each_other(search.base, ()) == []
+    assert search.screening.hiding_each_other(search.base, ()) == []

@@ -149,7 +149,7 @@ def biased(*manoeuvres: str) -> Search:
 def test_the_unshrunk_size_of_what_is_named_is_hardly_drawn_to_zero():
     search = biased("sweep", "slalom")
     (alone,) = search.single()
-    unshrunk = search.unshrunk(alone)
+    unshrunk = search.fitting.unshrunk(alone)
     size = "effects.gyro_bias.x"
     assert abs(unshrunk.sizes[size] - 0.03) < 0.5 * abs(alone.sizes[size] - 0.03)
     assert unshrunk.sizes[size] == pytest.approx(0.03, rel=0.01)
@@ -178,7 +178,7 @@ def test_a_hypothesis_whose_car_gets_lost_is_fitted_anew_until_it_stays_on_the_r
     there = replace(
         at, parameter_set=parameter_set, offsets=bent, residuals=search.residuals(parameter_set, search.base.residuals)
     )
-    found = search.refined(replace(alone, fit=there))
+    found = search.fitting.refined(replace(alone, fit=there))
     assert not any(search.residuals.predictor.lost(found.fit.parameter_set))
     assert found.sizes == pytest.approx(alone.sizes, rel=0.02)
     assert found.fit.value == pytest.approx(at.value, rel=0.05)
@@ -190,7 +190,7 @@ def test_of_one_manoeuvre_alone_its_stretches_say_how_sure_a_size_is():
     (found,) = search.single()
     size = "effects.gyro_bias.x"
     assert 0 < found.deviations[size] < 0.1 * found.sizes[size]
-    assert abs(search.unshrunk(found).sizes[size] - 0.03) < 3 * found.deviations[size]
+    assert abs(search.fitting.unshrunk(found).sizes[size] - 0.03) < 3 * found.deviations[size]
 
 
 @pytest.mark.exam

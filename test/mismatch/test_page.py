@@ -20,10 +20,11 @@ from rich.console import Console
 from marks import exam_except
 from synthetic_findings import SIGNALS, effect, finding, located, segment, traces
 from vsense_ros.evaluate import html_page
-from vsense_ros.mismatch.answer import remarks, sentence
 from vsense_ros.mismatch.answer_schema import Answer, Region, Remainder, SignalMisfit, parsed
+from vsense_ros.mismatch.answer_sentence import sentence
 from vsense_ros.mismatch.page import write_report
 from vsense_ros.mismatch.picture import before_and_after, most_affected, when
+from vsense_ros.mismatch.remarks import Evidence, remarks
 from vsense_ros.mismatch.tables import signal_rows
 from vsense_ros.mismatch.terminal import printed
 from vsense_ros.mismatch.words import BADGES, in_words, percent, shown_number, shown_value
@@ -410,8 +411,8 @@ def test_remarks_speak_of_an_extended_vehicle_only_where_one_is_written(verdict)
     road = SimpleNamespace(effects=("road_bank",), candidates=[SimpleNamespace(along_road=True)], fit=None)
     judged = SimpleNamespace(leader=road, verdict=verdict, besides=(), other_places=tuple)
     proof = SimpleNamespace(lost=lambda fit: [], against=lambda leader: "", by_pieces=lambda fit: False)
-    (said,) = remarks(judged, proof, None, {"imu", "gnss_velocity"}, {}, "")
-    assert said.startswith("what it is along the road is told by the distance driven")
+    (said,) = remarks(judged, Evidence(proof, None, {"imu", "gnss_velocity"}, {}))
+    assert said.startswith("its profile along the road is given by the distance driven")
     assert ("extended vehicle" in said, "road.csv" in said) == (verdict == "named",) * 2
 
 

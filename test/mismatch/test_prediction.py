@@ -6,8 +6,9 @@ import numpy as np
 import pytest
 
 from hidden import driven, having, prototype
+from vsense_ros.mismatch.driving import turning
 from vsense_ros.mismatch.residuals import Residuals
-from vsense_ros.mismatch.simulation import Predictor, turning
+from vsense_ros.mismatch.simulation import Predictor
 from vsense_ros.mismatch.windows import RUN_IN, build_dataset
 
 HEATING = {"front": 0.01, "rear": 0.01}

@@ -19,13 +19,14 @@ from vsense_ros.mismatch import extension
 from vsense_ros.mismatch.answer_schema import read_answer
 from vsense_ros.mismatch.candidates import candidates
 from vsense_ros.mismatch.cross_validation import odd
+from vsense_ros.mismatch.effect_parameters import effect_of, parameters_of, profiles_of, varying_sizes
 from vsense_ros.mismatch.explain import explain_recordings
 from vsense_ros.mismatch.residuals import Residuals
 from vsense_ros.mismatch.road import ROAD_SETTINGS, SPACING, bending, curvature, point, profile, profile_change
 from vsense_ros.mismatch.road_prediction import predict_road
 from vsense_ros.mismatch.search import Search
 from vsense_ros.mismatch.signals import grid
-from vsense_ros.mismatch.simulation import Predictor, effect_of, parameters_of, profiles_of, varying_sizes
+from vsense_ros.mismatch.simulation import Predictor
 from vsense_ros.mismatch.windows import build_dataset
 from vsense_ros.model.effects.road_bank import RoadBank
 from vsense_ros.model.vehicle import Vehicle
@@ -130,9 +131,9 @@ def test_what_a_bank_at_one_place_does_is_known_from_places_far_apart_that_are_c
     assert search.visible == {"road_bank"}
     assert len(bank.places) == 17
     for place in bank.places:
-        together = np.concatenate(search._column(place))
-        search._simulate([place])
-        alone = np.concatenate(search._column(place))
+        together = np.concatenate(search.secants.column(place))
+        search.secants.simulate([place])
+        alone = np.concatenate(search.secants.column(place))
         assert np.linalg.norm(together - alone) < 0.25 * np.linalg.norm(alone), place.name
 
 
@@ -178,7 +179,7 @@ def test_a_profile_of_the_vehicle_file_stays_where_another_is_fitted_beside_it(s
     known = having(vehicle, road_bank={"bank": 0.0, "profile": surveyed})
     fitted = parameters_of(known).changed({point(size, origin + way): 0.01 for way in (SPACING, 2 * SPACING)})
     extended = extension.extended(known, dataset, fitted)
-    in_file = Predictor(extended, dataset)._known[size]
+    in_file = Predictor(extended, dataset).roads.profiles_of_file[size]
     place = origin + np.array([0.0, SPACING, 1.5 * SPACING, 2 * SPACING])
     assert profile(in_file, place) == pytest.approx([0.02, 0.03, 0.03, 0.03], abs=2e-3)
     assert extension.extended(known, dataset, parameters_of(known)).physics.effects.road_bank.profile == surveyed

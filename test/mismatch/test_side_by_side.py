@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 
 from hidden import driven, prototype
-from vsense_ros.mismatch.simulation import SIDE_BY_SIDE, Predictor, _at_once
+from vsense_ros.mismatch.prediction_settings import PREDICTION
+from vsense_ros.mismatch.simulation import Predictor, _at_once
 from vsense_ros.mismatch.windows import build_dataset
 
 CHANGES = (
@@ -41,6 +42,6 @@ def test_lanes_stay_empty_no_more_than_with_the_fewest_runs(lanes):
         return -runs % lanes / (runs + -runs % lanes)
 
     for windows in range(1, 60):
-        count, fewest = _at_once(windows, lanes), max(1, SIDE_BY_SIDE // windows)
+        count, fewest = _at_once(windows, lanes), max(1, PREDICTION.side_by_side // windows)
         assert fewest <= count <= 2 * fewest
         assert empty(count * windows) <= empty(fewest * windows)

@@ -16,9 +16,9 @@ from vsense_ros.identify.least_squares import Fit
 from vsense_ros.identify.parameter_set import ParameterSet
 from vsense_ros.mismatch.candidates import Candidate
 from vsense_ros.mismatch.confidence import confidence, interval
+from vsense_ros.mismatch.hypothesis import Hypothesis
 from vsense_ros.mismatch.objections import OUTDONE
 from vsense_ros.mismatch.residuals import Residuals
-from vsense_ros.mismatch.search import Hypothesis
 from vsense_ros.mismatch.thresholds import THRESHOLDS
 from vsense_ros.mismatch.validation import Validation
 from vsense_ros.mismatch.verdict import Judged, Ranked, judge

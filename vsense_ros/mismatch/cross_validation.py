@@ -5,12 +5,14 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
 
 from vsense_ros.identify.least_squares import Fit
 from vsense_ros.identify.normal_equations import NormalEquations
+from vsense_ros.mismatch.candidates import Candidate
 from vsense_ros.mismatch.residuals import Residuals
 from vsense_ros.mismatch.road import ROAD_SETTINGS
 from vsense_ros.mismatch.signals import grid
@@ -118,16 +120,16 @@ def odd(window: Window) -> NDArray[np.bool_]:
     return np.asarray(places(window) // SPACING % 2 == 1)
 
 
-def tells_its_pieces(dataset: Dataset) -> bool:
+def is_long_enough_for_pieces(dataset: Dataset) -> bool:
     """True if a road is long enough to be validated by its pieces: the residuals of one manoeuvre last for a few of
     them."""
     return len(dataset.points) >= FOLDS.least_pieces * len(dataset.by_recording())
 
 
-def pieces_alone_tell(dataset: Dataset) -> bool:
+def only_pieces_can_validate(dataset: Dataset) -> bool:
     """True if nothing but its pieces can validate the road: no place is met twice, in one recording or in several long
     ones. If there are several short ones, folds are recordings."""
-    return passed_once(dataset.windows) and (len(dataset.by_recording()) == 1 or tells_its_pieces(dataset))
+    return passed_once(dataset.windows) and (len(dataset.by_recording()) == 1 or is_long_enough_for_pieces(dataset))
 
 
 def passed_once(windows: Sequence[Window]) -> bool:
@@ -144,3 +146,40 @@ def passed(window: Window) -> set[float]:
 def places(window: Window) -> Array:
     """Abscissa at each instant of a window that is compared [m]."""
     return np.asarray(np.interp(grid(window), window.place.t, window.place.value[:, 0]))
+
+
+class CrossValidation:
+    """The folds by which hypotheses about some recordings are cross-validated beside a base fit."""
+
+    def __init__(self, residuals: Residuals, base: Fit) -> None:
+        self.residuals, self.base = residuals, base
+
+    @property
+    def _dataset(self) -> Dataset:
+        return self.residuals.predictor.dataset
+
+    @cached_property
+    def is_validated_by_pieces_alone(self) -> bool:
+        """True if a road can be validated by nothing but how its pieces predict one another."""
+        return only_pieces_can_validate(self._dataset)
+
+    @cached_property
+    def profiles_can_be_validated(self) -> bool:
+        """True if the recordings can validate a profile."""
+        return not self.is_validated_by_pieces_alone or is_long_enough_for_pieces(self._dataset)
+
+    def folds_for(self, candidates: Sequence[Candidate]) -> Folds:
+        """The folds by which a hypothesis of these candidates is cross-validated."""
+        if self.is_validated_by_pieces_alone and any(candidate.along_road for candidate in candidates):
+            return self.pieces
+        return self.folds
+
+    @cached_property
+    def folds(self) -> Folds:
+        """The folds where no candidate has a profile."""
+        return (by_stretches if len(self.base.residuals) == 1 else by_windows)(self.residuals, self.base)
+
+    @cached_property
+    def pieces(self) -> Folds:
+        """The folds where a candidate has a profile that pieces of the road alone can validate."""
+        return by_pieces(self.residuals, self.base)

@@ -34,9 +34,10 @@ from vsense_ros.manoeuvre.sensing import record
 from vsense_ros.mismatch.answer_schema import Answer, BaseParameter, EffectEntry, NextTest, read_answer
 from vsense_ros.mismatch.candidates import UNKNOWN_TORQUES, base_parameters, candidates, out_of_reach
 from vsense_ros.mismatch.confidence import NORMAL_90
+from vsense_ros.mismatch.effect_parameters import parameters_of
 from vsense_ros.mismatch.page import PAGE, write_next_test
 from vsense_ros.mismatch.residuals import Residuals
-from vsense_ros.mismatch.simulation import Predictor, parameters_of
+from vsense_ros.mismatch.simulation import Predictor
 from vsense_ros.mismatch.windows import RUN_IN, Dataset, build_dataset
 from vsense_ros.mismatch.words import label
 from vsense_ros.model.coordinates import YAW

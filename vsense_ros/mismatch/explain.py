@@ -29,16 +29,20 @@ from vsense_ros.messages.recording import Recording
 from vsense_ros.mismatch import answer as entries
 from vsense_ros.mismatch.ages import ages, with_ages
 from vsense_ros.mismatch.answer_schema import VERSION, Answer, Located, OutOfReach
+from vsense_ros.mismatch.answer_sentence import sentence
 from vsense_ros.mismatch.candidates import BASE, Candidate, base_parameters, candidates, out_of_reach
 from vsense_ros.mismatch.data_quality import faults_in_words, faults_of, hindrance, misfit
 from vsense_ros.mismatch.design import NEXT
 from vsense_ros.mismatch.extension import extended
+from vsense_ros.mismatch.hypothesis import Hypothesis
+from vsense_ros.mismatch.located import located, remainder
 from vsense_ros.mismatch.observed import comparison
 from vsense_ros.mismatch.onset import Onset, onset
 from vsense_ros.mismatch.page import PAGE, write_report
 from vsense_ros.mismatch.picture import Trace
+from vsense_ros.mismatch.remarks import ALONE, Evidence, remarks
 from vsense_ros.mismatch.residuals import Residuals
-from vsense_ros.mismatch.search import Hypothesis, Search
+from vsense_ros.mismatch.search import Search
 from vsense_ros.mismatch.selection import most_telling
 from vsense_ros.mismatch.simulation import LOST, Predictor
 from vsense_ros.mismatch.spoilt import without_spoilt
@@ -206,8 +210,8 @@ class _Explainer:
         if strange and (leader is None or misfit(leader.fit, search.residuals)):
             raise NotAssessableError(strange)
         shown = leader.fit if leader is not None else search.base
-        remarks = entries.remarks(judged, validation, shown, kinds, beyond, varying)
-        self.answer = self.answer.with_(remarks=(*self.answer.remarks, *remarks))
+        said = remarks(judged, Evidence(validation, shown, kinds, beyond, varying))
+        self.answer = self.answer.with_(remarks=(*self.answer.remarks, *said))
         self._answered(search, judged, validation, shown)
         return Explanation(self.answer, _traces(search, shown, validation), self._extended(search, judged, shown))
 
@@ -234,11 +238,11 @@ class _Explainer:
 
     def _note_validation(self, residuals: Residuals, validation: Validation) -> None:
         """Write down on which recordings the answer is proven."""
-        remarks = [*residuals.predictor.dataset.remarks, *validation.remarks]
+        said = [*residuals.predictor.dataset.remarks, *validation.remarks]
         if validation.residuals is None and len(residuals.layout) == 1:
-            remarks.append(entries.ALONE)
+            said.append(ALONE)
         self.answer = self.answer.with_(
-            remarks=remarks,
+            remarks=said,
             held_out_unused=tuple(name for name in self.answer.held_out if name not in validation.recordings),
             held_out=validation.recordings,
         )
@@ -268,7 +272,7 @@ class _Explainer:
         answer = self.answer.with_(
             verdict="named" if self.late and judged.verdict == "no_mismatch" else judged.verdict,
             by_pieces=leader is not None and validation.by_pieces(leader.fit),
-            located=entries.located(residuals, base, judged, validation, effects),
+            located=located(residuals, base, judged, validation, effects),
             effects=effects,
             answer_set=entries.answer_set(judged, self.late),
             rivals=entries.rivals(judged, self.late),
@@ -276,17 +280,17 @@ class _Explainer:
             base=entries.base_parameters(base, leader.fit if leader is not None else None),
             misfit=residuals.level(base.residuals),
             onset=entries.since(self._onset(search, judged)),
-            remainder=entries.remainder(residuals, shown, judged, _describing(search, judged, validation), validation),
+            remainder=remainder(residuals, shown, judged, _describing(search, judged, validation), validation),
         )
-        self.answer = answer.with_(sentence=entries.sentence(answer))
+        self.answer = answer.with_(sentence=sentence(answer))
 
     def _onset(self, search: Search, judged: Judged) -> Onset | None:
         """What begins within recordings, where something is left over that nothing explains."""
         leader = judged.leader
         if judged.verdict == "unknown":
-            return onset(search.residuals, search.base, search.secants(), 0.0 if leader is None else leader.gain)
+            return onset(search.residuals, search.base, search.trials(), 0.0 if leader is None else leader.gain)
         if judged.verdict == "named" and judged.partial and leader is not None:
-            return onset(search.residuals, leader.fit, search.secants())
+            return onset(search.residuals, leader.fit, search.trials())
         return None
 
     def _extended(self, search: Search, judged: Judged, shown: Fit) -> Vehicle | None:
@@ -317,7 +321,7 @@ class _Explainer:
 
         def fitted(search: Search) -> list[Hypothesis]:
             if assume:
-                return [search.refined(e) for e in search.together([_all_of(id, library) for id in assume])]
+                return [search.fitting.refined(e) for e in search.together([_all_of(id, library) for id in assume])]
             return search.single()
 
         search = Search(residuals, start, base, offered, self.progress)
@@ -388,7 +392,7 @@ def _with_final_sizes(search: Search, judged: Judged, validation: Validation) ->
         return judged, ""
     off = validation.unmended(judged.leader)
     varied = search.with_profile(judged.leader) if off else None
-    unshrunk = search.unshrunk(judged.leader)
+    unshrunk = search.fitting.unshrunk(judged.leader)
     if validation.lasting(unshrunk) > 0:
         judged = judged.led_by(unshrunk, validation)
     if varied is None or judged.leader is None:

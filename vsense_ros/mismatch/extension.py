@@ -9,7 +9,7 @@ import numpy as np
 
 from vsense_ros.identify.parameter_set import ParameterSet
 from vsense_ros.mismatch.road import place_of, profile
-from vsense_ros.mismatch.simulation import abscissae
+from vsense_ros.mismatch.road_in_windows import abscissae
 from vsense_ros.mismatch.windows import Dataset
 from vsense_ros.model.effects import EVERY
 from vsense_ros.model.vehicle import Vehicle

@@ -9,7 +9,7 @@ import numpy as np
 from vsense_ros.identify.free_parameter import FreeParameter
 from vsense_ros.mismatch.candidates import Candidate
 from vsense_ros.mismatch.confidence import interval
-from vsense_ros.mismatch.search import Hypothesis
+from vsense_ros.mismatch.hypothesis import Hypothesis
 from vsense_ros.mismatch.thresholds import Thresholds
 from vsense_ros.mismatch.validation import Validation
 from vsense_ros.model.effects import EVERY

@@ -17,7 +17,7 @@ from vsense_ros.identify.parameter_set import ParameterSet
 from vsense_ros.mismatch.candidates import at_places
 from vsense_ros.mismatch.cross_validation import chosen, odd
 from vsense_ros.mismatch.residuals import Residuals
-from vsense_ros.mismatch.search import EFFORT
+from vsense_ros.mismatch.search_settings import EFFORT
 from vsense_ros.mismatch.windows import Window
 
 Array = NDArray[np.float64]

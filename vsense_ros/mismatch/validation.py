@@ -10,10 +10,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vsense_ros.identify.least_squares import DivergedError, Fit, Settings, cost, fit
-from vsense_ros.mismatch.cross_validation import passed, tells_its_pieces
+from vsense_ros.mismatch.cross_validation import is_long_enough_for_pieces, passed
+from vsense_ros.mismatch.hypothesis import Hypothesis
 from vsense_ros.mismatch.residuals import Residuals
 from vsense_ros.mismatch.road_prediction import RoadPrediction, predict_road
-from vsense_ros.mismatch.search import Hypothesis
 from vsense_ros.mismatch.simulation import LOST, Predictor
 from vsense_ros.mismatch.thresholds import THRESHOLDS, Thresholds
 from vsense_ros.mismatch.windows import Dataset
@@ -116,7 +116,7 @@ class Validation:
             self.residuals is None
             or not self.on_another_road
             or not any(parameter.place for parameter in fitted.free_parameters)
-            or not tells_its_pieces(self.residuals.predictor.dataset)
+            or not is_long_enough_for_pieces(self.residuals.predictor.dataset)
         ):
             return None
         known = next((there for of, there in self._roads if of is fitted), None)

@@ -7,8 +7,8 @@ from dataclasses import dataclass, replace
 
 from vsense_ros.mismatch.answer_schema import VerdictName
 from vsense_ros.mismatch.confidence import confidence
+from vsense_ros.mismatch.hypothesis import Hypothesis
 from vsense_ros.mismatch.objections import DISAGREED, OUTDONE, Objections
-from vsense_ros.mismatch.search import Hypothesis
 from vsense_ros.mismatch.thresholds import THRESHOLDS, Thresholds
 from vsense_ros.mismatch.validation import Validation
 
@@ -256,11 +256,9 @@ class _Judge:
     def _joined_by_one(self, leading: _Leading, count: int) -> _Leading:
         """What leads if explanations of so many effects are admitted, too."""
         limits = self.thresholds
-        fewer = max(
-            (e for e in self.hypotheses if len(e.candidates) < count), key=self.proven.__getitem__, default=None
-        )
+        by_proof = self.proven.__getitem__
+        fewer = max((e for e in self.hypotheses if len(e.candidates) < count), key=by_proof, default=None)
         explained = 0.0 if fewer is None else self.proven[fewer]
-
         adds = {
             e: self.proven[e] if fewer is None else self.validation.proven_beyond(e, fewer)
             for e in self.hypotheses
@@ -268,19 +266,28 @@ class _Judge:
         }
         left, clear = max(1 - explained, self.least_whole), limits.clear_further_gain * self.least_gain
         least = max(min(limits.further_share, clear) * left, limits.form_error * explained)
-        # What speaks against an explanation takes long to find: only of those that can matter.
-        several = [e for e, more in adds.items() if more > least / 2]
-        several.sort(key=self.proven.__getitem__, reverse=True)
-        best, leader = next(filter(self.holds, several), None), leading.leader
+        # Objections take long to find: they are asked only of explanations that can matter.
+        several = sorted((e for e, more in adds.items() if more > least / 2), key=by_proof, reverse=True)
+        best = next(filter(self.holds, several), None)
         if best is None or adds[best] <= least:
             return leading
         share = adds[best] / left
-        unfinished = leader is None or self.validation.fitted.worst(leader.fit.residuals) > limits.signal_off
-        outstanding = unfinished and share > limits.further_share
+        outstanding = share > limits.further_share and self._leaves_signals_off(leading.leader)
         if not outstanding and share <= clear:
             return leading
-        added = set(best.effects) - set(leader.effects if leader is not None else ())
         alike = [] if outstanding else [e for e in several if adds[e] >= adds[best] / 2 and self.holds(e)]
+        return self._led_by(best, leading, alike)
+
+    def _leaves_signals_off(self, leader: Hypothesis | None) -> bool:
+        """True if a signal is far from those of a good model with the leader, or there is no leader."""
+        return leader is None or self.validation.fitted.worst(leader.fit.residuals) > self.thresholds.signal_off
+
+    def _led_by(self, best: Hypothesis, leading: _Leading, alike: Sequence[Hypothesis]) -> _Leading:
+        """What leads if the `best` explanation has one effect more than the leader, and those `alike` explain about as
+        much: the best if all of these share the effect, or else the leader with a remark that there is another effect
+        besides."""
+        leader = leading.leader
+        added = set(best.effects) - set(leader.effects if leader is not None else ())
         if all(added & set(e.effects) or self.surpassed(e, best) for e in alike):
             return _Leading(best, best) if self.agreed(best) else _Leading(best, leader)
         if self.agreed(best) and (sure := set(best.effects) - added):

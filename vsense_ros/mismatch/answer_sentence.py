@@ -1,0 +1,88 @@
+"""The answer in one sentence or a few."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from vsense_ros.mismatch.answer_schema import (
+    Answer,
+    EffectEntry,
+    Force,
+    Remainder,
+)
+from vsense_ros.mismatch.simulation import LOST
+from vsense_ros.mismatch.words import in_words, label, percent
+from vsense_ros.model.effects import BY_ID
+
+Array = NDArray[np.float64]
+
+
+def sentence(answer: Answer) -> str:
+    """The answer in words."""
+    if answer.verdict == "no_mismatch":
+        return "Model and recordings agree once mass, tyres and the like are fitted: there is nothing to find here."
+    if answer.verdict == "unknown":
+        return f"Something is left over that no effect of the library explains{_left_over(answer)}.{_began(answer)}"
+    if answer.verdict == "ambiguous":
+        return _in_doubt(answer)
+    accepted = answer.accepted
+    named = " and ".join(map(in_words, accepted))
+    if answer.assumed:
+        return f"Assumed, not searched for: {named}; with it {_falls(accepted[0], answer)}."
+    rest = "" if answer.remainder is None else f". Something more is left over{_rest_in_words(answer.remainder)}"
+    return f"The model leaves out {named}; with it {_falls(accepted[0], answer)}{rest}.{_began(answer)}"
+
+
+def _began(answer: Answer) -> str:
+    """Since when it is there, as a sentence behind others; empty where that is not known."""
+    if answer.onset is None:
+        return ""
+    when = " and ".join(
+        f"at {one.at:.1f} s ({one.interval_90[0]:.1f} to {one.interval_90[1]:.1f} s) in {one.recording}"
+        for one in answer.onset.begins
+    )
+    like = f"{answer.onset.sentence}{f' ({label(answer.onset.where)})' if answer.onset.where else ''}"
+    return (
+        f" It was not there from the beginning: it begins {when}. It looks like {like}, which explains "
+        f"{percent(answer.onset.gain)} if it begins then and {percent(answer.onset.gain_always)} if it is always there."
+    )
+
+
+def _rest_in_words(rest: Remainder) -> str:
+    """What else is left over, as the end of a sentence."""
+    if rest.force is not None:
+        return f", which {rest.force.description} describes"
+    return "" if rest.region is None else f": {rest.region.description}"
+
+
+def _left_over(answer: Answer) -> str:
+    """What is known of unknown physics, as the end of a sentence."""
+    if force := answer.located.force:
+        return f". It is described by {force.description}, with which {_falls(force, answer)}"
+    if lost := answer.located.lost:
+        return f": in {' and '.join(dict.fromkeys(window.recording for window in lost))} {LOST}"
+    return f": {answer.located.region.description}" if answer.located.region else ""
+
+
+def _in_doubt(answer: Answer) -> str:
+    """Which effects the recordings cannot tell apart, and which are sure besides."""
+    shared = [id for id in answer.answer_set if all(id in effects for effects in answer.rivals)]
+    others = [[id for id in effects if id not in shared] for effects in answer.rivals]
+    choices = [" with ".join(BY_ID[id].sentence for id in effects) for effects in others if effects]
+    doubt = f"these recordings cannot tell which it is: {', or '.join(dict.fromkeys(choices))}."
+    if not shared:
+        return doubt[0].upper() + doubt[1:]
+    return f"The model leaves out {' and '.join(BY_ID[id].sentence for id in shared)}; what besides, {doubt}"
+
+
+def _falls(found: EffectEntry | Force, answer: Answer) -> str:
+    """By how much the error falls with what was found, and where that is proven."""
+    trained, proven, on = found.gain_training, found.gain_held_out, "on recordings it was not fitted to"
+    if answer.by_pieces:
+        on = "on another road, where neighbouring pieces predict each other"
+    if proven is None:
+        proven, on = found.gain_left_out, "where it was left out of the fit"
+    ways = ["grows" if gain < 0 else "falls" for gain in (trained, proven)]
+    again = "" if ways[0] == ways[1] else f"{ways[1]} "
+    return f"the squared error {ways[0]} by {100 * abs(trained):.0f} %, and {again}by {100 * abs(proven):.0f} % {on}"

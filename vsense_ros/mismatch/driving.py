@@ -1,0 +1,169 @@
+"""How a car is driven through the windows: from recorded inputs and parameters to runs of the simulation."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.ndimage import uniform_filter1d
+
+from vsense_ros.identify.parameter_set import ParameterSet
+from vsense_ros.mismatch.candidates import TORQUE_SHARES
+from vsense_ros.mismatch.prediction_settings import PREDICTION, middle_of_steps
+from vsense_ros.mismatch.road_in_windows import RoadInWindow
+from vsense_ros.mismatch.windows import HOLDING_TIME, INPUTS, RUN_IN, SLOWEST, SPEEDS, Dataset
+from vsense_ros.model.constants import GRAVITY
+from vsense_ros.model.coordinates import INPUTS as INPUT_NAMES
+from vsense_ros.model.coordinates import SPIN, STEERING, TORQUES, YAW, Y
+from vsense_ros.model.effects.base import AXLES
+from vsense_ros.model.sensors import SensorBase, Tells, telling
+from vsense_ros.model.simulation.closed_loop import rolling_radii, rolling_straight
+from vsense_ros.model.simulation.open_loop import Inputs, Run
+from vsense_ros.model.vehicle import Vehicle
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Driving:
+    """What the motion in a window depends on."""
+
+    key: int  # the same where all of it is
+    parameters: Array
+    shares: Sequence[float]  # as TORQUE_SHARES
+    delays: tuple[float, float, float]  # of steering, torques and what gives the speed [s]
+    around: Array  # (n, 7) as model.coordinates.DISTURBANCES
+    varying: Mapping[str, Array]  # (n,) by name, of parameters that change along the road
+
+
+class Drives:
+    """The inputs of a car in each window of a data set; `names` are those of its parameters, in order."""
+
+    def __init__(self, vehicle: Vehicle, dataset: Dataset, names: Sequence[str]) -> None:
+        self.vehicle, self.dataset, self.names = vehicle, dataset, names
+        self.radius = float(np.mean(rolling_radii(vehicle)))
+
+    def driving(
+        self, index: int, parameter_set: ParameterSet, sensors: Mapping[str, SensorBase], road: RoadInWindow,
+        parameters: Array, mechanical: Sequence[float],
+    ) -> Driving:  # fmt: skip
+        """What the motion in a window depends on."""
+        late = {n: s.latency - self.dataset.sensors[n].latency for n, s in sensors.items()}
+        speed = 0.0 if self.dataset.windows[index].torques else late.get(self._speedometer[index], 0.0)
+        steering, torques = (self.sensor_that_measures(sensors, what) or "" for what in INPUTS)
+        delays = late.get(steering, 0.0), late.get(torques, 0.0), speed
+        shares = [parameter_set.values[name] for name in TORQUE_SHARES]
+        key = hash((*mechanical, *shares, *delays, road.key))
+        return Driving(key, parameters, shares, delays, road.around, road.felt)
+
+    def run(self, index: int, way: Driving, memory: Array) -> Run:
+        steering_late, torques_late, speed_late = way.delays
+        window = self.dataset.windows[index]
+        middle = middle_of_steps(window)
+        n = len(middle)
+        inputs = np.zeros((n, len(INPUT_NAMES)))
+        steering = window.readings[self.sensor_that_measures(window.readings, "steering") or ""]
+        measured = np.isfinite(steering.value[:, 0])
+        inputs[:, STEERING] = np.interp(middle + steering_late, steering.t[measured], steering.value[measured, 0])
+        speed, acceleration = self._rolling(index, speed_late) if speed_late else self._usual_rolling[index]
+        mass = way.parameters[self.names.index("chassis.mass")]
+        # Of each wheel, if all of them move the whole car alike.
+        inertia = np.full((n, 4), mass * self.radius**2 / 4)
+        if window.torques:
+            torques = window.readings[self.sensor_that_measures(window.readings, "torques") or ""]
+            known = np.isfinite(torques.value).all(axis=1)
+            at = middle + torques_late
+            for wheel, torque in enumerate(torques.value[known].T, TORQUES.start):
+                inputs[:, wheel] = np.interp(at, torques.t[known], torque)
+            inertia[middle > window.begin + RUN_IN - 0.5] = 0.0
+        else:
+            inertia *= 2 * _of_each_wheel(acceleration, *way.shares)
+            inputs[:, TORQUES] = inertia / self.radius * acceleration[:, None]
+        q, u = turning(self.vehicle, float(speed[0]), window.yaw_rate)
+        q[YAW] += window.heading
+        target, gain = speed / self.radius, inertia / HOLDING_TIME
+        return Run(q, u, Inputs(PREDICTION.step, inputs, way.around, way.varying, target, gain), way.parameters, memory)
+
+    @cached_property
+    def _speedometer(self) -> list[str]:
+        """The sensor that gives the speed, by window."""
+        candidates = (
+            (self.sensor_that_measures(window.readings, what) for what in SPEEDS) for window in self.dataset.windows
+        )
+        return [next(filter(None, names), "") for names in candidates]
+
+    def sensor_that_measures(self, names: Iterable[str], what: Tells) -> str | None:
+        """Name of the one of these sensors that measures something; None if none does."""
+        return telling(((name, self.dataset.sensors[name]) for name in names), what)
+
+    @cached_property
+    def _usual_rolling(self) -> list[tuple[Array, Array]]:
+        return [self._rolling(index, 0.0) for index in range(len(self.dataset.windows))]
+
+    def _rolling(self, index: int, late: float) -> tuple[Array, Array]:
+        """At what speed [m/s] the wheels roll in the middle of each step of a window, and with what acceleration [m/s²]
+        a car whose tyres slip then moves, where the speed is older than its stamps say [s]."""
+        window = self.dataset.windows[index]
+        speed = np.interp(middle_of_steps(window) + late, window.speed.t, window.speed.value[:, 0])
+        if "rolling speed" in self.dataset.sensors[self._speedometer[index]].tells:
+            return speed, _of_the_car(speed)
+        acceleration = np.gradient(speed, PREDICTION.step)
+        return speed * (1 + acceleration / (PREDICTION.slip_stiffness * GRAVITY)), acceleration
+
+    def driven_axles(self, parameter_set: ParameterSet) -> frozenset[str]:
+        """The axles that are driven: by wheel torques where they are measured, else by what is assumed of unknown
+        ones."""
+        torques = [
+            window.readings[name].value
+            for window in self.dataset.windows
+            if window.torques and (name := self.sensor_that_measures(window.readings, "torques"))
+        ]
+        if torques:
+            with np.errstate(all="ignore"):
+                most = (
+                    np.nanpercentile(np.concatenate(torques), PREDICTION.driving_percentile, axis=0)
+                    .reshape(2, 2)
+                    .max(axis=1)
+                )
+            least = max(PREDICTION.driving_torque, PREDICTION.not_driven_share * float(most.max()))
+            return frozenset(axle for axle, torque in zip(AXLES, most, strict=True) if torque > least)
+        front = parameter_set.values[next(iter(TORQUE_SHARES))]
+        return frozenset(
+            axle for axle, share in zip(AXLES, (front, 1 - front), strict=True) if share > PREDICTION.not_driven_share
+        )
+
+
+def _of_the_car(rolling: Array) -> Array:
+    """Acceleration [m/s²] of a car that follows its wheels, which roll at these speeds (n,) [m/s], by their slip."""
+    speed, found = rolling[0], np.zeros(len(rolling))
+    for i, wheels in enumerate(rolling):
+        found[i] = (wheels - speed) / (PREDICTION.step + max(speed, SLOWEST) / (PREDICTION.slip_stiffness * GRAVITY))
+        speed += found[i] * PREDICTION.step
+    return found
+
+
+def _of_each_wheel(acceleration: Array, driving: float, braking: float) -> Array:
+    """Shares (n, 4) of the wheels of an axle in the torque that gives the car an acceleration (n,) [m/s²], from the
+    shares of the front wheels where it drives and where it brakes."""
+    smooth = uniform_filter1d(acceleration, round(PREDICTION.smoothing / PREDICTION.step))
+    front = driving + (braking - driving) * np.clip(-smooth / PREDICTION.braked, 0.0, 1.0)
+    return np.column_stack([front, front, 1 - front, 1 - front])
+
+
+def turning(vehicle: Vehicle, speed: float, yaw_rate: float) -> tuple[Array, Array]:
+    """Coordinates and velocities (14 each) of a car that goes along the map's x at a `speed` [m/s] and turns to the
+    left by a `yaw_rate` [rad/s]: the single-track car in a steady bend, on tyres of a usual cornering stiffness. From
+    there the simulation is sooner where the car is than from a car that goes straight, which enters a bend at its limit
+    as no driver does.
+    """
+    physics = vehicle.physics
+    q, u = rolling_straight(vehicle, speed)
+    u[YAW] = yaw_rate
+    u[Y] = yaw_rate * (physics.chassis.cog_to_rear_axle - speed**2 / (PREDICTION.cornering_stiffness * GRAVITY))
+    q[YAW] = -np.arctan2(u[Y], speed)
+    track = np.array([physics.front.track, physics.front.track, physics.rear.track, physics.rear.track])
+    u[SPIN] *= 1 - yaw_rate / speed * track / 2 * np.array([1, -1, 1, -1])
+    return q, u

@@ -1,0 +1,41 @@
+"""How the windows of recordings are simulated."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from vsense_ros.mismatch.windows import Window
+
+
+@dataclass(frozen=True)
+class PredictionSettings:
+    """Settings of the simulation of windows: decisions of this project."""
+
+    step: float = 0.005  # [s] of the simulation
+    keep_every: int = 2  # steps
+    side_by_side: int = 16  # runs that are given to the vectors at once, about: twice what the widest hold (AVX-512)
+    remembered: int = 3  # motions of each window, besides those that are foreseen
+    spun: float = 0.5  # [rad] of side slip from which cars do not come back
+    # [-] force over load per slip that is assumed of tyres to begin with; their own is fitted
+    slip_stiffness: float = 20.0
+    cornering_stiffness: float = 14.0  # [1/rad] lateral force over load per slip angle, where a window begins
+    braked: float = 0.6  # [m/s²] of deceleration that needs brakes: less is drag and engine
+    smoothing: float = 0.3  # [s] of the mean that separates driving from braking
+    driving_torque: float = 1.0  # [N m] of torque that a driven wheel exceeds in a twentieth of the time, at least
+    driving_percentile: float = 95.0  # [%] of the time below that torque
+    not_driven_share: float = 0.15  # [-] of the torque, of all or of the other axle, below which an axle is not driven
+    slipping_share: float = 0.5  # [-] of the speed, from where on a wheel that slips locks or spins
+
+
+PREDICTION = PredictionSettings()
+
+
+def middle_of_steps(window: Window) -> NDArray[np.float64]:
+    """Times in the middle of each step [s]."""
+    return np.asarray(
+        window.begin + (np.arange(np.ceil((window.end - window.begin) / PREDICTION.step)) + 0.5) * PREDICTION.step,
+        dtype=float,
+    )
