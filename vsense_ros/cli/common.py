@@ -21,6 +21,7 @@ if TYPE_CHECKING:  # at run time it would load the whole model before the first 
     from vsense_ros.model.vehicle import Vehicle
 
 FAULT = 2  # exit code for input that cannot be used, as for a wrong option
+DIVERGED = 3  # exit code of a run in which the filter diverged
 EXISTING = click.Path(exists=True, path_type=Path)
 NEW_FILE = click.Path(dir_okay=False, path_type=Path)
 NEW_FOLDER = click.Path(file_okay=False, path_type=Path)

@@ -9,8 +9,9 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from vsense_ros.cli.common import EXISTING, NEW_FOLDER, every_filter, load_car, vehicle_option, warn
+from vsense_ros.cli.common import DIVERGED, EXISTING, NEW_FOLDER, every_filter, load_car, vehicle_option, warn
 from vsense_ros.errors import InputError
+from vsense_ros.files.names import printable
 
 if TYPE_CHECKING:
     from vsense_ros.messages.recording import Recording
@@ -33,7 +34,9 @@ if TYPE_CHECKING:
 )
 @click.option("--mend", is_flag=True, help="Correct signs, axes and units that cannot be right.")
 @click.option("--report", is_flag=True, help="Also a picture and an HTML report.")
+@click.pass_context
 def run(
+    context: click.Context,
     bag: Path,
     vehicle: str,
     out: Path | None,
@@ -46,7 +49,8 @@ def run(
     """Estimate the motion and forces of a car that BAG does not measure, and compare with its reference if it has one.
 
     BAG may also be a recording that `vsense import` understands. Writes an output bag and summary.json, with --report
-    also a picture (PNG, SVG) and a report that opens without a network.
+    also a picture (PNG, SVG) and a report that opens without a network. Ends with 3 where the filter diverged: what it
+    estimated until then is written, and nothing of the time in between.
 
     \b
     Examples:
@@ -110,6 +114,9 @@ def run(
             write_report([drive], folder / "report.html", title=drive.title, pictures={name: picture})
     show_drive(drive, console())
     say(f"Results in {folder}.")
+    if result.failure:
+        click.echo(f"vsense: {printable(result.failure)}", err=True)
+        context.exit(DIVERGED)
 
 
 def _way(chosen: str | None, smooth: bool, lag: float | None) -> Callable[[Recording, Vehicle, Progress], Any]:

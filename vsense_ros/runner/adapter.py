@@ -19,6 +19,7 @@ from vsense_ros.messages.recording import Sample
 from vsense_ros.model.sensors import SensorBase
 from vsense_ros.model.vehicle import Vehicle
 from vsense_ros.observer.monitor import Limits, Monitor
+from vsense_ros.runner.guard import Vitals
 
 Array = NDArray[np.float64]
 
@@ -198,6 +199,13 @@ class Adapter(ABC):
     @abstractmethod
     def snapshot(self, stamp: int) -> Any:
         """The newest state, to be kept."""
+
+    @abstractmethod
+    def vitals(self, snapshot: Any) -> Vitals:
+        """What shows whether the filter has diverged."""
+
+    def aged(self, seconds: float) -> None:  # noqa: B027
+        """The state is now one of so many seconds before: widen what has changed since."""
 
     def watch(self, snapshot: Any, converged: Callable[[], bool]) -> None:  # noqa: B027
         """Look at a newest state for what diagnostics report."""

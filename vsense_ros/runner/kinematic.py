@@ -18,7 +18,9 @@ from vsense_ros.navigation.beginning import Beginning
 from vsense_ros.navigation.car_numbers import car_numbers
 from vsense_ros.navigation.motion import Readout, Snapshot
 from vsense_ros.navigation.readings import MEASUREMENTS
+from vsense_ros.navigation.space import MOTION
 from vsense_ros.runner.adapter import Adapter, Judged, Move, adapter_of
+from vsense_ros.runner.guard import Vitals
 
 Array = NDArray[np.float64]
 
@@ -217,6 +219,13 @@ class KinematicAdapter(Adapter):
 
     def snapshot(self, stamp: int) -> Snapshot:
         return self.readout.snapshot(stamp)
+
+    def vitals(self, snapshot: Snapshot) -> Vitals:
+        motions = self.readout.motions([snapshot])
+        value, reported = motions.value[0], set(motions.told)
+        tilts = [abs(value.item(MOTION.index(name))) for name in ("roll", "pitch") if name in reported]
+        deviation = motions.twist_covariance[0, 0, 0] ** 0.5 if "forward_velocity" in reported else np.nan
+        return Vitals(max(tilts, default=np.nan), np.nan, self._speed, float(deviation), value)
 
     def messages(self, snapshot: Snapshot) -> list[Sample]:
         return self.readout.motions([snapshot]).samples()

@@ -26,9 +26,10 @@ from vsense_ros.observer.monitor import Limits, Monitor
 from vsense_ros.observer.road_map import RoadMap
 from vsense_ros.observer.sensors import check_sensors
 from vsense_ros.observer.spi import Spi
-from vsense_ros.observer.state import FORWARD, LATERAL, YAW_RATE, U
+from vsense_ros.observer.state import FORWARD, LATERAL, SLOPES, YAW_RATE, U
 from vsense_ros.observer.tilt import Tilt
 from vsense_ros.runner.adapter import Adapter, Judged, Move, Report, adapter_of
+from vsense_ros.runner.guard import GUARD, Vitals
 
 Array = NDArray[np.float64]
 
@@ -58,6 +59,9 @@ class CarAdapter(Adapter):
         self.balance = Balance(vehicle, sensors)
         self.tilt = Tilt(sensors, self.car)
         self._start: Start | None = None
+        around = vehicle.observer.surroundings
+        spread = GUARD.road_deviations * np.array([around.grade, around.bank])
+        self._steepest = np.maximum(GUARD.steepest_road, spread)
 
     def attach(self, intake: Intake[SensorBase], timeline: Timeline) -> None:
         super().attach(intake, timeline)
@@ -191,6 +195,20 @@ class CarAdapter(Adapter):
 
     def snapshot(self, stamp: int) -> Estimate:
         return Estimate.of(stamp, self.filter)
+
+    def vitals(self, snapshot: Estimate) -> Vitals:
+        with np.errstate(invalid="ignore"):  # a road that is steeper than any leaves no attitude
+            tilt = float(np.abs(np.nan_to_num(snapshot.attitude[:2], nan=np.pi)).max())
+        deviation = float(np.sqrt(max(snapshot.variance[FORWARD], 0.0)))
+        steepness = float((np.abs(snapshot.state[SLOPES]) / self._steepest).max())
+        changing = np.concatenate([snapshot.udot, snapshot.model_wheels.ravel()])
+        return Vitals(tilt, steepness, float(snapshot.velocity[0]), deviation, changing)
+
+    def aged(self, seconds: float) -> None:
+        mean, deviation = self.car.mean, np.sqrt(self.filter.belief().covariance.diagonal())
+        driven = float(np.hypot(mean[FORWARD], mean[LATERAL])) * seconds
+        for element, change in ((X, driven), (Y, driven), (YAW, abs(float(mean[YAW_RATE])) * seconds)):
+            self.filter.set_element(element, float(mean[element]), float(np.hypot(deviation[element], change)))
 
     def watch(self, snapshot: Any, converged: Callable[[], bool]) -> None:
         snapshot.unbalanced[:] = self.balance.residual(snapshot)

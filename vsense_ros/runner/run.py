@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from vsense_ros.errors import InputError
-from vsense_ros.messages.diagnostic import Diagnostic
+from vsense_ros.messages.diagnostic import Diagnostic, Level
 from vsense_ros.messages.recording import Channel, Recording
 from vsense_ros.model.vehicle import Vehicle
 from vsense_ros.observer.estimate import BALANCE
@@ -29,6 +29,7 @@ class Run:
     messages_lost: int
     diagnostics: list[Diagnostic]
     parameters: dict[str, tuple[float, float]]  # value and standard deviation at the end
+    failure: str = ""  # when and why the filter was given up for the first time, and how often that was
 
 
 def run(
@@ -59,8 +60,9 @@ def run(
         runner.add(sample)
         times.append(time.perf_counter() - before)
         if runner.started and runner.stamp >= last + interval:
-            snapshots.append(runner.snapshot())
-            last = runner.stamp
+            last, newest = runner.stamp, runner.snapshot()
+            if runner.started:
+                snapshots.append(newest)
         if progress is not None and i % 500 == 0:
             progress(i / total)
     elapsed = time.perf_counter() - began
@@ -75,6 +77,22 @@ def run(
         messages_lost=recording.messages_lost,
         diagnostics=runner.diagnostics(),
         parameters=runner.parameters(),
+        failure=_failure(runner, recording, snapshots[0].stamp),
+    )
+
+
+def _failure(runner: Runner, recording: Recording, first: int) -> str:
+    """A sentence about the times when the guard gave the filter up; empty for none. `first` is when it started [ns]."""
+    failures = runner.guard.failures
+    if not failures:
+        return ""
+    stamp, why = failures[0]
+    more = f", and {len(failures) - 1} times more after it had started anew" if len(failures) > 1 else ""
+    unheard = [line.name for line in runner.diagnostics() if line.level == Level.STALE and line.name in runner.names]
+    hint = f"; nothing was heard of {', '.join(unheard)}, without which the model may not fit" if unheard else ""
+    return (
+        f"{recording.name or 'recording'}: the filter {runner.adapter.name} diverged {(stamp - first) * 1e-9:.1f} s "
+        f"after its start{more}: {why}{hint}"
     )
 
 

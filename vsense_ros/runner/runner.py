@@ -26,6 +26,7 @@ from vsense_ros.observer.catalogue import default_filter
 from vsense_ros.observer.estimate import BALANCE
 from vsense_ros.observer.monitor import Limits, Monitor
 from vsense_ros.runner.adapter import Adapter, MakeFilter, Move, Report, adapter_of
+from vsense_ros.runner.guard import Guard
 from vsense_ros.runner.placement import Place, Placement
 from vsense_ros.runner.resets import Resets
 from vsense_ros.runner.vote import Vote
@@ -93,6 +94,7 @@ class Runner:
         adapter.attach(self.intake, self._timeline)
         self.placement = Placement() if adapter.has_position else None
         self.resets = Resets(adapter, self.intake)
+        self.guard = Guard(self.filter)
 
     @property
     def topics(self) -> dict[str, str]:
@@ -200,10 +202,13 @@ class Runner:
 
     def gather(self, event: Event) -> None:
         """Before the start: keep a reading, and start once the readings suffice."""
+        if self.guard.pausing(event.stamp):
+            return
         stamp = self.adapter.gather(event)
         if stamp is None:
             return
         self.started, self._started_at = True, stamp
+        self.guard.begin(stamp)
         self._timeline.clear()
         self.vote.forget(stamp)
         self.resets.forget()
@@ -221,10 +226,35 @@ class Runner:
         self.adapter.stop(valid)
 
     def _recover(self) -> None:
-        """Go on from the newest valid state before this instant, with less trust in it; start anew if there is none."""
+        """Go on from the newest valid state before this instant, with less trust in it; start anew if there is none,
+        and give the filter up where it has gone on so too often."""
         self.faults += 1
-        if not self._timeline.recover():
+        if not self.guard.recovered(self.stamp):
+            self._give_up("it has no state any more that the model can go on from")
+        elif not self._timeline.recover():
             self._stop(valid=False)
+
+    def _restore(self, why: str) -> None:
+        """The filter has diverged: go on from its last good state, start anew if there is none, and give the filter up
+        where that has been too often."""
+        self.faults += 1
+        if not self.guard.recovered(self.stamp):
+            self._give_up(why)
+            return
+        age = self.guard.restore(self.stamp)
+        if age is None:
+            self._stop(valid=False)
+            return
+        self.adapter.aged(age)
+        self._timeline.begin(self.stamp)
+        self.vote.forget(self.stamp)
+        self.resets.forget()
+        self.resets.tell(self.stamp, f"gone back to the state of {age:.1f} s before: {why}")
+
+    def _give_up(self, why: str) -> None:
+        """Stop the filter, which is an error, until it may start anew."""
+        self.guard.give_up(self.stamp, why)
+        self._stop(valid=False)
 
     # Filtering
 
@@ -316,6 +346,11 @@ class Runner:
         if self.started and not self.filter.is_valid():
             self._recover()
         newest = self.adapter.snapshot(self.stamp)
+        if self.started and self.guard.due(self.stamp):
+            wrong = self.guard.look(self.stamp, self.adapter.vitals(newest))
+            if wrong:
+                self._restore(wrong)
+                newest = self.adapter.snapshot(self.stamp)
         if self.started:
             self.adapter.watch(newest, lambda: self.converged)
         return newest
@@ -336,6 +371,8 @@ class Runner:
         """How far the filter has come, what it goes without, and what was reset."""
         values = {**self.adapter.details, "faults": str(self.faults), "restarts": str(self.restarts)}
         if not self.started:
+            if self.guard.failures:
+                return Diagnostic("observer", Level.ERROR, f"diverged: {self.guard.failures[-1][1]}", values)
             return Diagnostic("observer", Level.WARN, self.adapter.waiting(), values)
         converged = self.converged
         condition = self.adapter.condition(converged)
