@@ -56,13 +56,14 @@ def _with(channel: Channel, field: str, rows: Rows, axes: Sequence[int], values:
     return replace(channel, columns={**channel.columns, field: column})
 
 
-def added(field: str, axes: Sequence[int], amount: float, rise: float = 0.0) -> Change:
-    """An amount more, that takes `rise` [s] to come."""
+def added(field: str, axes: Sequence[int], amount: float | Sequence[float], rise: float = 0.0) -> Change:
+    """An amount more, the same on all axes or one for each, that takes `rise` [s] to come."""
 
     def change(channel: Channel, rows: Rows, times: Array) -> Channel:
         since = times[rows] - times[rows][0]
         share = np.minimum(since / rise, 1.0) if rise else np.ones_like(since)
-        return _with(channel, field, rows, axes, channel.columns[field][_cells(rows, axes)] + amount * share[:, None])
+        error = share[:, None] * np.asarray(amount)
+        return _with(channel, field, rows, axes, channel.columns[field][_cells(rows, axes)] + error)
 
     return change
 
@@ -79,19 +80,53 @@ def replaced(field: str, axes: Sequence[int], value: float) -> Change:
     return lambda channel, rows, times: _with(channel, field, rows, axes, value)
 
 
-def held(field: str, axes: Sequence[int]) -> Change:
-    """What was last."""
-    return lambda channel, rows, times: _with(
-        channel, field, rows, axes, channel.columns[field][np.flatnonzero(rows)[0], list(axes)]
-    )
+def held(field: str, axes: Sequence[int], deviation: float = 0.0) -> Change:
+    """The last value, with noise of a standard deviation, as of a sensor that has lost its element."""
+
+    def change(channel: Channel, rows: Rows, times: Array) -> Channel:
+        last = channel.columns[field][np.flatnonzero(rows)[0], list(axes)]
+        return _with(channel, field, rows, axes, last + _noise(rows, axes, deviation))
+
+    return change
 
 
 def noise(field: str, axes: Sequence[int], deviation: float) -> Change:
     """Nothing but noise around zero, as of a sensor that has lost its element."""
+    return lambda channel, rows, times: _with(channel, field, rows, axes, _noise(rows, axes, deviation))
+
+
+def _noise(rows: Rows, axes: Sequence[int], deviation: float) -> Array:
+    return deviation * np.random.default_rng(1).standard_normal((int(rows.sum()), len(axes)))
+
+
+def drifting(field: str, axes: Sequence[int], rate: float) -> Change:
+    """An error that grows by `rate` each second, for as long as the fault lasts."""
 
     def change(channel: Channel, rows: Rows, times: Array) -> Channel:
-        rng = np.random.default_rng(1)
-        return _with(channel, field, rows, axes, deviation * rng.standard_normal((int(rows.sum()), len(axes))))
+        error = rate * (times[rows] - times[rows][0])[:, None]
+        return _with(channel, field, rows, axes, channel.columns[field][_cells(rows, axes)] + error)
+
+    return change
+
+
+def turned(field: str, axes: Sequence[int], signs: Sequence[float]) -> Change:
+    """A vector in another frame: component i is what `axes[i]` was, times `signs[i]`."""
+
+    def change(channel: Channel, rows: Rows, times: Array) -> Channel:
+        values = channel.columns[field][_cells(rows, axes)] * np.asarray(signs)
+        return _with(channel, field, rows, range(len(axes)), values)
+
+    return change
+
+
+def stamped(seconds: float) -> Change:
+    """Times of measurement that are wrong by so much. Late ones also arrive as late: the message was under way. Early
+    ones have a stamp from before the measurement."""
+
+    def change(channel: Channel, rows: Rows, times: Array) -> Channel:
+        shift = np.where(rows, round(seconds * 1e9), 0)
+        moved = replace(channel, stamp=channel.stamp + shift, received=channel.received + np.maximum(shift, 0))
+        return moved.in_order()
 
     return change
 
@@ -111,18 +146,33 @@ def rare(period: float) -> Change:
     return change
 
 
-def moved(east: float, north: float) -> Change:
-    """A position that lies beside the true one [m]."""
+PLACE = "linear"  # the field of places east, north and above the first fix [m] that `on_map` gives a change
 
-    def change(channel: Channel, rows: Rows, times: Array) -> Channel:
-        columns = {name: column.copy() for name, column in channel.columns.items()}
-        place = [columns[name][rows, 0] for name in ("latitude", "longitude", "altitude")]
-        there = pymap3d.enu2geodetic(east, north, 0.0, *place)
-        for name, values in zip(("latitude", "longitude"), there, strict=False):
-            columns[name][rows, 0] = values
+
+def on_map(change: Change) -> Change:
+    """A change of the field `PLACE`, done to positions that are given by latitude and longitude."""
+
+    def changed(channel: Channel, rows: Rows, times: Array) -> Channel:
+        fixes = np.column_stack([channel.columns[name][:, 0] for name in ("latitude", "longitude", "altitude")])
+        fixes[:, 2] = np.nan_to_num(fixes[:, 2])
+        known = np.isfinite(fixes).all(axis=1)
+        if not known.any():
+            return channel
+        origin = fixes[known][0]
+        places = np.column_stack(pymap3d.geodetic2enu(*fixes.T, *origin))
+        on_plane = replace(channel, kind="geometry_msgs/msg/TwistStamped", columns={PLACE: places})
+        made = pymap3d.enu2geodetic(*change(on_plane, rows, times).columns[PLACE].T, *origin)
+        columns = dict(channel.columns)
+        for name, values in zip(("latitude", "longitude"), made, strict=False):
+            columns[name] = np.where(rows, values, columns[name][:, 0])[:, None]
         return replace(channel, columns=columns)
 
-    return change
+    return changed
+
+
+def moved(east: float, north: float) -> Change:
+    """A position that lies beside the true one [m]."""
+    return on_map(added(PLACE, [0, 1], (east, north)))
 
 
 def without_fix(channel: Channel, rows: Rows, times: Array) -> Channel:

@@ -21,6 +21,7 @@ from vsense_ros.manoeuvre import (
     steady_state_circle,
     steering_sweep,
     step_steer,
+    stop_and_go,
     throttle_and_steer,
 )
 from vsense_ros.manoeuvre.base import Manoeuvre
@@ -41,7 +42,8 @@ TESTS = (
     *STANDARD,
     *(m.MANOEUVRE for m in (accelerate_and_brake, coast_down, slow_ramp_steer, steering_sweep)),
 )
-MANOEUVRES = {m.name: m for m in (*TESTS, *ON_ROADS, *throttle_and_steer.MANOEUVRES, *leung_tracks.MANOEUVRES)}
+_OTHERS = (stop_and_go.MANOEUVRE, *throttle_and_steer.MANOEUVRES, *leung_tracks.MANOEUVRES)
+MANOEUVRES = {m.name: m for m in (*TESTS, *ON_ROADS, *_OTHERS)}
 STEP = 1e-3  # [s] of the simulation
 _OVERTURNED = 1.0  # [rad] of roll, from which no car comes back
 
