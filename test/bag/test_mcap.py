@@ -18,7 +18,7 @@ from rosbags.typesys import Stores, get_typestore
 
 from vsense_ros.bag import BagWriter, read_bag, write_bag
 from vsense_ros.errors import InputError
-from vsense_ros.messages import cdr
+from vsense_ros.messages import cdr, cdr_messages
 from vsense_ros.messages.diagnostic import Diagnostic, Level
 from vsense_ros.messages.recording import FIELDS, Channel, Recording, Sample
 
@@ -154,7 +154,7 @@ def test_samples_and_diagnostics_can_be_written_one_by_one(tmp_path: Path, recor
     with BagWriter(tmp_path / "drive") as writer:
         for sample in recording.samples():
             writer.write(sample)
-        data = cdr.encode_diagnostics(START, [Diagnostic("imu", Level.WARN, "late")])
+        data = cdr_messages.encode_diagnostics(START, [Diagnostic("imu", Level.WARN, "late")])
         writer.write_raw("diagnostics", "diagnostic_msgs/msg/DiagnosticArray", START, data)
     found = read_bag(tmp_path / "drive")
     assert_same(found, recording)

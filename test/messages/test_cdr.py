@@ -10,7 +10,7 @@ from hypothesis.extra.numpy import arrays
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
 from vsense_ros.errors import InputError
-from vsense_ros.messages import cdr, definitions
+from vsense_ros.messages import cdr, cdr_messages, definitions
 from vsense_ros.messages.diagnostic import Diagnostic, Level
 from vsense_ros.messages.recording import FIELDS, Channel, Sample
 
@@ -232,7 +232,7 @@ def test_a_value_of_the_wrong_length_is_refused() -> None:
 )
 def test_rosbags_reads_our_diagnostics(diagnostics: list[Diagnostic]) -> None:
     message = STORE.deserialize_cdr(
-        cdr.encode_diagnostics(5_000_000_007, diagnostics, "car"), "diagnostic_msgs/msg/DiagnosticArray"
+        cdr_messages.encode_diagnostics(5_000_000_007, diagnostics, "car"), "diagnostic_msgs/msg/DiagnosticArray"
     )
     assert (message.header.stamp.sec, message.header.stamp.nanosec) == (5, 7)
     found = [Diagnostic(s.name, Level(s.level), s.message, {v.key: v.value for v in s.values}) for s in message.status]
@@ -242,11 +242,13 @@ def test_rosbags_reads_our_diagnostics(diagnostics: list[Diagnostic]) -> None:
 
 def test_transforms_are_those_that_rosbags_reads() -> None:
     sent = [
-        cdr.Transform("map", "car1/odom", (1.0, -2.0, 3.0), (0.0, 0.0, 0.6, 0.8)),
-        cdr.Transform("car1/odom", "b", (4.0, 5.0, 6.0), (0.0, 1.0, 0.0, 0.0)),
-        cdr.Transform("β", "", (7.0, 8.0, 9.0), (1.0, 0.0, 0.0, 0.0)),
+        cdr_messages.Transform("map", "car1/odom", (1.0, -2.0, 3.0), (0.0, 0.0, 0.6, 0.8)),
+        cdr_messages.Transform("car1/odom", "b", (4.0, 5.0, 6.0), (0.0, 1.0, 0.0, 0.0)),
+        cdr_messages.Transform("β", "", (7.0, 8.0, 9.0), (1.0, 0.0, 0.0, 0.0)),
     ]
-    message = STORE.deserialize_cdr(cdr.encode_transforms(1_700_000_000_123_456_789, sent), "tf2_msgs/msg/TFMessage")
+    message = STORE.deserialize_cdr(
+        cdr_messages.encode_transforms(1_700_000_000_123_456_789, sent), "tf2_msgs/msg/TFMessage"
+    )
     assert len(message.transforms) == len(sent)
     for read, expected in zip(message.transforms, sent, strict=True):
         assert (read.header.stamp.sec, read.header.stamp.nanosec) == (1_700_000_000, 123_456_789)
@@ -266,14 +268,14 @@ def test_transforms_are_those_that_rosbags_reads() -> None:
 def test_can_frames_are_those_of_rosbags_both_ways(
     stamp: int, identifier: int, data: bytes, flags: tuple[bool, bool, bool], frame_id: str
 ) -> None:
-    frame = cdr.CanFrame(stamp, identifier, b"" if flags[0] else data, *flags, len(data))
-    ours = cdr.encode_can_frame(frame, frame_id)
-    assert cdr.decode_can_frame(ours) == frame
+    frame = cdr_messages.CanFrame(stamp, identifier, b"" if flags[0] else data, *flags, len(data))
+    ours = cdr_messages.encode_can_frame(frame, frame_id)
+    assert cdr_messages.decode_can_frame(ours) == frame
     message = STORE.deserialize_cdr(ours, "can_msgs/msg/Frame")
     assert (message.id, message.dlc, message.header.frame_id) == (identifier, len(data), frame_id)
     assert (message.is_rtr, message.is_extended, message.is_error) == flags
     assert bytes(message.data[: len(frame.data)]) == frame.data
-    assert cdr.decode_can_frame(bytes(STORE.serialize_cdr(message, "can_msgs/msg/Frame"))) == frame
+    assert cdr_messages.decode_can_frame(bytes(STORE.serialize_cdr(message, "can_msgs/msg/Frame"))) == frame
 
 
 def test_sentences_are_those_of_rosbags() -> None:
@@ -283,10 +285,10 @@ def test_sentences_are_those_of_rosbags() -> None:
     for frame_id in ("", "gps", "antenna"):
         message = sentence(header=Header(stamp=Time(sec=1, nanosec=2), frame_id=frame_id), sentence=text)
         data = bytes(STORE.serialize_cdr(message, "nmea_msgs/msg/Sentence"))
-        assert cdr.decode_sentence(data) == text.encode()
+        assert cdr_messages.decode_sentence(data) == text.encode()
         for length in range(len(data)):
             with pytest.raises(InputError):
-                cdr.decode_sentence(data[:length])
+                cdr_messages.decode_sentence(data[:length])
 
 
 @pytest.mark.parametrize("changed", [None, 0, 700, 1499])

@@ -10,7 +10,7 @@ from diagnostic_msgs.msg import DiagnosticArray
 from rclpy.serialization import deserialize_message, serialize_message
 
 from vsense_ros.errors import InputError
-from vsense_ros.messages import cdr
+from vsense_ros.messages import cdr, cdr_messages
 from vsense_ros.messages.diagnostic import Diagnostic, Level
 from vsense_ros.messages.recording import FIELDS, Sample
 from vsense_ros.node.convert import message_type
@@ -71,7 +71,7 @@ def test_the_bytes_that_rclpy_makes_are_read_as_the_same_sample(kind: str) -> No
 
 def test_diagnostics_arrive_with_level_words_and_figures() -> None:
     status = Diagnostic("imu: imu/data", Level.WARN, "saturated", {"accepted": "12", "rate [Hz]": "99.8"})
-    array = deserialize_message(cdr.encode_diagnostics(STAMP, [status], "imu_driver"), DiagnosticArray)
+    array = deserialize_message(cdr_messages.encode_diagnostics(STAMP, [status], "imu_driver"), DiagnosticArray)
     (read,) = array.status
     assert (read.name, read.level, read.message, read.hardware_id) == (
         "imu: imu/data",

@@ -12,7 +12,7 @@ from recordings import formats
 from vehicle.workshop import Workshop, check
 from vsense_ros.bag import read_bag
 from vsense_ros.bag.gnss_bytes import gnss_byte_stream
-from vsense_ros.messages import cdr
+from vsense_ros.messages import cdr_messages
 from vsense_ros.node.convert import message_type
 
 
@@ -30,8 +30,8 @@ def topics(shop: Workshop) -> str:
     shop.client.until(lambda: frames.get_subscription_count() + sentences.get_subscription_count() == 2)
     sent = formats.frames(0.5)
     for frame in sent:
-        one = cdr.CanFrame(time.time_ns(), frame.arbitration_id, bytes(frame.data), length=frame.dlc)
-        frames.publish(cdr.encode_can_frame(one))
+        one = cdr_messages.CanFrame(time.time_ns(), frame.arbitration_id, bytes(frame.data), length=frame.dlc)
+        frames.publish(cdr_messages.encode_can_frame(one))
         time.sleep(0.005)
     lines = [line for _, burst in gnss_byte_stream(read_bag(shop.drive(3.0))) for line in burst.split(b"\r\n") if line]
     for line in lines:

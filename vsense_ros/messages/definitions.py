@@ -1,6 +1,6 @@
 """The ROS 2 message types that the project writes and reads: their definitions and type hashes.
 
-The definitions are the source of both the schema text stored in a bag and the byte layout in `cdr.py`.
+The definitions are the source of both the schema text stored in a bag and the byte layout in `cdr_layout.py`.
 The hashes are those of REP-2016 (RIHS01), as rosbag2 stores them in `metadata.yaml`.
 """
 

@@ -31,7 +31,7 @@ from std_msgs.msg import Header
 
 from vsense_ros.errors import InputError
 from vsense_ros.extras import explained
-from vsense_ros.messages import cdr
+from vsense_ros.messages import cdr, cdr_messages
 from vsense_ros.messages.diagnostic import Diagnostic, Level
 from vsense_ros.messages.recording import Sample
 from vsense_ros.node import parameters, spin
@@ -334,7 +334,7 @@ class SensingNode(LifecycleNode, Generic[Params]):
                 statuses = [*statuses, Diagnostic("clock", Level.ERROR, text)]
             own = self.get_fully_qualified_name()
             statuses = [replace(status, name=f"{own}: {status.name}") for status in statuses]
-            data = cdr.encode_diagnostics(self.now(), statuses, hardware_id=self.get_name())
+            data = cdr_messages.encode_diagnostics(self.now(), statuses, hardware_id=self.get_name())
             self._diagnostics_publisher.publish(data)
 
     def _clock_sources(self) -> list[str]:

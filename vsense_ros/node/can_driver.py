@@ -21,7 +21,7 @@ from vsense_ros.driver.can import CanDecoder
 from vsense_ros.driver.can_bus import open_bus
 from vsense_ros.driver.can_mapping import JointStateOutput
 from vsense_ros.errors import InputError
-from vsense_ros.messages import cdr
+from vsense_ros.messages import cdr_messages
 from vsense_ros.messages.diagnostic import Diagnostic, Level
 from vsense_ros.node.base import SensingNode, run_node
 from vsense_ros.node.convert import message_type
@@ -100,7 +100,7 @@ class CanDriver(SensingNode[CanDriverParameters]):
             return
         wall = time.time_ns()
         try:
-            frame = cdr.decode_can_frame(data)
+            frame = cdr_messages.decode_can_frame(data)
         except InputError as error:
             self.get_logger().warning(str(error), throttle_duration_sec=1.0)
             return
@@ -201,8 +201,8 @@ class CanDriver(SensingNode[CanDriverParameters]):
         frame.timestamp = received * 1e-9
         if self.parameters.publish_frames and not frame.is_fd:
             flags = (frame.is_remote_frame, frame.is_extended_id, frame.is_error_frame)
-            sent = cdr.CanFrame(received, frame.arbitration_id, bytes(frame.data), *flags, frame.dlc)
-            self.publish_bytes(FRAMES, FRAME_KIND, cdr.encode_can_frame(sent))
+            sent = cdr_messages.CanFrame(received, frame.arbitration_id, bytes(frame.data), *flags, frame.dlc)
+            self.publish_bytes(FRAMES, FRAME_KIND, cdr_messages.encode_can_frame(sent))
         with self._lock:
             samples = self._decoder.feed(frame, received)
         for sample in samples:

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from vsense_ros.bag import TopicDescription, read_whole_bag
 from vsense_ros.errors import InputError
 from vsense_ros.files.urdf import urdf
-from vsense_ros.messages import cdr
+from vsense_ros.messages import cdr, cdr_messages
 from vsense_ros.messages.recording import Channel
 from vsense_ros.model.vehicle import Vehicle
 from vsense_ros.node.foxglove_scene import PATH, Scene
@@ -89,7 +89,7 @@ class Timeline:
         self.descriptions["robot_description"] = TopicDescription("std_msgs/msg/String", "string data\n", "")
         add("tf", odometry.received, moving)
         self.latched["tf_static"] = transforms.static()
-        self.latched["robot_description"] = cdr.encode_text(urdf(vehicle))
+        self.latched["robot_description"] = cdr_messages.encode_text(urdf(vehicle))
 
     def _steering(self, vehicle: Vehicle, stamps: NDArray[np.int64]) -> NDArray[np.float64]:
         """Of the front wheels at these times [rad]; zero where the bags do not tell it."""

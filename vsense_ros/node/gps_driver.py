@@ -15,7 +15,7 @@ from vsense_ros.driver.gnss import GnssSettings
 from vsense_ros.driver.nmea import NmeaDecoder
 from vsense_ros.driver.ubx import UbxDecoder
 from vsense_ros.errors import InputError
-from vsense_ros.messages import cdr
+from vsense_ros.messages import cdr_messages
 from vsense_ros.node.base import run_node
 from vsense_ros.node.convert import message_type
 from vsense_ros.node.parameters import parameter
@@ -66,7 +66,7 @@ class GpsDriver(SerialSensorNode[GpsDriverParameters]):
     def _on_sentence(self, data: bytes) -> None:
         if self.state == "active":
             try:
-                self._on_bytes(cdr.decode_sentence(data) + b"\r\n", time.time_ns())
+                self._on_bytes(cdr_messages.decode_sentence(data) + b"\r\n", time.time_ns())
             except InputError as error:
                 self.get_logger().warning(str(error), throttle_duration_sec=1.0)
 

@@ -19,7 +19,7 @@ from vsense_ros.errors import InputError
 from vsense_ros.files.installed import vehicle_path
 from vsense_ros.files.urdf import urdf
 from vsense_ros.files.vehicle import load_vehicle
-from vsense_ros.messages import cdr
+from vsense_ros.messages import cdr, cdr_messages
 from vsense_ros.messages.diagnostic import Diagnostic, Level
 from vsense_ros.messages.recording import Sample
 from vsense_ros.messages.topics import WHEELS
@@ -175,7 +175,7 @@ class ObserverNode(SensingNode[_OwnParameters]):
     def start(self) -> None:
         if self._transforms is not None:
             self.publish_bytes("/tf_static", "tf2_msgs/msg/TFMessage", self._transforms.static())
-            self.publish_bytes("robot_description", "std_msgs/msg/String", cdr.encode_text(self._description))
+            self.publish_bytes("robot_description", "std_msgs/msg/String", cdr_messages.encode_text(self._description))
 
     def _subscribe(self, topic: str, kind: str) -> Reader:
         def receive(data: bytes) -> None:

@@ -11,7 +11,7 @@ from math import asin, atan2, cos, sin
 
 from scipy.spatial.transform import Rotation
 
-from vsense_ros.messages.cdr import Transform, encode_transforms
+from vsense_ros.messages.cdr_messages import Transform, encode_transforms
 from vsense_ros.messages.recording import Sample
 from vsense_ros.model.frames import Frame, contact_frames, fixed_frames
 from vsense_ros.model.parameter import Triple
