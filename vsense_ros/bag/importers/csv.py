@@ -9,6 +9,7 @@ from typing import Any
 
 from vsense_ros.bag.importers import mapping as mapping_file
 from vsense_ros.bag.importers import text_table
+from vsense_ros.bag.importers.columns import recording_from
 from vsense_ros.messages.recording import Recording
 
 NAME = "csv"
@@ -29,5 +30,5 @@ def read(path: Path, *, mapping: str | Path | Mapping[str, Any] | None = None) -
     """
     wanted = mapping_file.load(mapping_file.default_mapping(path, mapping), path)
     table = text_table.read_table(path, wanted)
-    recording = mapping_file.apply(wanted, table.column, path.stem, NAME, table.base)
+    recording = recording_from(wanted, table.column, path.stem, NAME, table.base)
     return replace(recording, notes=(*table.notes, *recording.notes))

@@ -17,7 +17,7 @@
 A value is `sign * (scale * raw + offset)` in `unit`, turned into SI. `null` and fields left out are absent (NaN).
 `unit` may be left out where the source states one; where both say something else, the mapping is refused, unless it has
 `ignore_stated_unit: true`. Several columns (`column: [v_rl, v_rr]`) are averaged. A name that stands more than once is
-told by its number, counted from 1 (`column: 4`), or in a measurement file by its `group`.
+given by its number, counted from 1 (`column: 4`), or in a measurement file by its `group`.
 
 Other forms of fields: `gps/fix` from local `east`, `north`, `up` with an `origin: {latitude, longitude, altitude}`;
 `gps/velocity` from velocities in the axes of the car, `forward`, `left` and its `heading` (clockwise from north);
@@ -40,18 +40,10 @@ from typing import Annotated, Any, Literal, NamedTuple
 import numpy as np
 from pydantic import BaseModel, BeforeValidator, ConfigDict, Discriminator, Field, Tag, ValidationError
 
-from vsense_ros.bag.importers import build
 from vsense_ros.bag.importers.build import Array
-from vsense_ros.checks.held import period_of_updates
 from vsense_ros.errors import InputError
 from vsense_ros.messages import units, yaml_text
-from vsense_ros.messages.memory import give_back
-from vsense_ros.messages.recording import FIELDS, Channel, Recording
 from vsense_ros.messages.topics import TOPICS, WHEELS
-
-_DEG = np.pi / 180.0
-_LOOKED_AT = 100_000  # rows at the beginning that tell whether values are held
-_LAST = 4e9  # [s] of any time
 
 _QUANTITIES_OF_UNITS: Mapping[str, Mapping[str, float]] = {
     **units.QUANTITIES,
@@ -67,7 +59,7 @@ _IMU = {
     "heading": "angle",
 }
 _BODY = {"forward": "velocity", "left": "velocity"}
-_QUANTITIES: Mapping[str, Mapping[str, str]] = {
+QUANTITIES: Mapping[str, Mapping[str, str]] = {
     "imu/data": _IMU,
     "gps/attitude": _IMU,
     "gps/fix": {
@@ -101,7 +93,6 @@ _QUANTITIES: Mapping[str, Mapping[str, str]] = {
     "reference/acceleration": {"linear": "acceleration", "angular": "angular acceleration"},
     **{f"reference/wheel_force/{w}": {"force": "force", "torque": "torque"} for w in WHEELS},
 }  # fmt: skip
-_WRAPPING = ("course", "yaw", "heading")
 
 
 class Column(NamedTuple):
@@ -220,7 +211,7 @@ class ColumnMapping(_Model):
     def columns(self) -> list[Ref]:
         """All columns that topics use."""
         fields = [value for fields in self.topics.values() for value in fields.values()]
-        return [ref for value in fields for signal in _signals(value) for ref in signal.refs]
+        return [ref for value in fields for signal in signals_of(value) for ref in signal.refs]
 
 
 def load(source: str | Path | Mapping[str, Any], path: Path) -> ColumnMapping:
@@ -264,7 +255,7 @@ def _check(where: str, topic: str, fields: Mapping[str, Any], mapping: ColumnMap
     if topic not in TOPICS:
         raise InputError(f"{where}: topics: {topic!r} is no topic of this project; known: {', '.join(TOPICS)}")
     for name, value in fields.items():
-        quantities = _QUANTITIES[topic]
+        quantities = QUANTITIES[topic]
         if name not in quantities:
             raise InputError(f"{where}: {topic}: no field {name!r}; known: {', '.join(quantities)}")
         named = TOPICS[topic].names
@@ -276,14 +267,15 @@ def _check(where: str, topic: str, fields: Mapping[str, Any], mapping: ColumnMap
                 raise InputError(f"{where}: {topic}.{name}: unknown {wrong[0]!r}; known: {', '.join(named) or 'none'}")
         if isinstance(value, list) and len(value) != 3:
             raise InputError(f"{where}: {topic}.{name}: {len(value)} values, expected three: x, y, z")
-        for signal in _signals(value):
+        for signal in signals_of(value):
             if signal.unit is not None:
-                _factor(where, f"{topic}.{name}", signal, signal.unit, quantities[name])
+                factor_to_si(where, f"{topic}.{name}", signal, signal.unit, quantities[name])
     if topic == "gps/fix" and "east" in fields and mapping.origin is None:
         raise InputError(f"{where}: gps/fix.east: local positions need the key origin: {{latitude: …, longitude: …}}")
 
 
-def _signals(value: Signal | list[Signal | None] | dict[str, Signal] | None) -> list[Signal]:
+def signals_of(value: Signal | list[Signal | None] | dict[str, Signal] | None) -> list[Signal]:
+    """All signals of a field, in whichever form it is given."""
     if isinstance(value, Signal):
         return [value]
     if isinstance(value, dict):
@@ -297,7 +289,7 @@ def _size(unit: str, quantity: str) -> float | None:
     return known.get(unit) or known.get(units.canonical(unit) or "")
 
 
-def _factor(where: str, key: str, signal: Signal, unit: str, quantity: str) -> float:
+def factor_to_si(where: str, key: str, signal: Signal, unit: str, quantity: str) -> float:
     """Factor to SI of a signal."""
     if signal.radius is not None:
         size = _size(unit, "velocity")
@@ -317,7 +309,7 @@ def _factor(where: str, key: str, signal: Signal, unit: str, quantity: str) -> f
     return size
 
 
-def _unit(key: str, signal: Signal, stated: str) -> str:
+def unit_of(key: str, signal: Signal, stated: str) -> str:
     """The unit of a signal: what the mapping says, which must not contradict what the source states, or the latter."""
     if signal.unit is None:
         if units.canonical(stated) is None:
@@ -341,216 +333,3 @@ def unit_in_name(name: str) -> str:
     """The unit that a column's name ends with in brackets, as in `speed [km/h]`; empty if there is none."""
     found = _BRACKETS.fullmatch(name)
     return found[1] if found and found[1].strip() and units.canonical(found[1]) else ""
-
-
-def apply(mapping: ColumnMapping, columns: Columns, name: str, source: str, base: int | None = None) -> Recording:
-    """The recording that the mapping makes of the columns; `base` is the Unix time [ns] of their time 0, if not that
-    of the mapping."""
-    notes: list[str] = []
-    made = _Maker(mapping, columns, mapping.time.base if base is None else base, notes)
-    channels = {}
-    for topic, fields in mapping.topics.items():
-        if fields:
-            channels[topic] = made.channel(topic, fields)
-            give_back()
-    return Recording(channels, name, tuple(dict.fromkeys(notes)), 0, {"source": source})
-
-
-class _Maker:
-    """Makes the channels of a mapping."""
-
-    def __init__(self, mapping: ColumnMapping, columns: Columns, base: int, notes: list[str]) -> None:
-        self._mapping, self._columns, self._base, self._notes = mapping, columns, base, notes
-        self._stamps: tuple[Array, build.Stamps] | None = None
-
-    def channel(self, topic: str, fields: Mapping[str, Any]) -> Channel:
-        signals = [(field, signal) for field, value in fields.items() for signal in _signals(value)]
-        if not signals:
-            raise InputError(f"{topic}: no column is given for any of its fields")
-        raw = {ref: self._columns(ref) for _, signal in signals for ref in signal.refs}
-        longest = max(raw, key=lambda ref: np.count_nonzero(np.isfinite(raw[ref].values)))
-        time = raw[longest].time
-        if all(len(c.time) == len(time) and np.array_equal(c.time, time) for c in raw.values()):
-            keep = np.any([np.isfinite(c.values) for c in raw.values()], axis=0)
-            keep = self._updates(topic, raw, keep)
-        else:
-            keep = np.isfinite(raw[longest].values)
-            self._notes.append(f"{topic}: its columns have different times; interpolated to those of {longest}")
-        time = time if keep.all() else time[keep]
-        if not len(time):
-            raise InputError(f"{topic}: none of its columns ({', '.join(map(str, raw))}) holds a number")
-        if not (np.abs(time) < _LAST).all():
-            raise InputError(
-                f"{topic}: a time of {time[np.argmax(~(np.abs(time) < _LAST))]:g} s is none; is its unit right?"
-            )
-
-        def value(field: str, signal: Signal | None) -> Array:
-            if signal is None:
-                return np.broadcast_to(np.nan, len(time))
-            found = [self._brought(raw[ref], keep, time, field in _WRAPPING) for ref in signal.refs]
-            own = found.pop(0) if len(found) == 1 else np.mean(found, axis=0)
-            key = f"{topic}.{field}"
-            unit = _unit(key, signal, next((raw[ref].unit for ref in signal.refs if raw[ref].unit), ""))
-            factor = _factor("mapping", key, signal, unit, _QUANTITIES[topic][field])
-            own *= signal.scale  # in its place: tables are long
-            own += signal.offset
-            own *= signal.sign * factor
-            return own
-
-        return _Fields(topic, fields, value, len(time), self._mapping.origin).channel(self._stamps_of(time))
-
-    def _stamps_of(self, time: Array) -> build.Stamps:
-        """Of topics whose rows are the same, once."""
-        if self._stamps is None or self._stamps[0] is not time:
-            self._stamps = time, build.nanoseconds(time, self._base)
-        return self._stamps[1]
-
-    def _updates(self, topic: str, raw: Mapping[Ref, Column], keep: np.ndarray) -> np.ndarray:
-        """Rows at which a slower source brought something new, where a faster table repeats its values."""
-        rows = np.flatnonzero(keep)
-        beginning = rows[:_LOOKED_AT]
-        every = period_of_updates(np.column_stack([column.values[beginning] for column in raw.values()]))
-        if every is None:
-            return keep
-        values = np.column_stack([column.values[rows] for column in raw.values()])
-        changed = np.concatenate([[True], (np.diff(np.nan_to_num(values), axis=0) != 0).any(axis=1)])
-        since = np.arange(len(rows)) - np.maximum.accumulate(np.where(changed, np.arange(len(rows)), 0))
-        fresh = changed | (since % every == 0)  # standing still, the same value comes again
-        self._notes.append(f"{topic}: each value stands in {every} rows; only the first of them is a measurement")
-        found = np.zeros(len(keep), bool)
-        found[rows[fresh]] = True
-        return found
-
-    def _brought(self, column: Column, keep: np.ndarray, time: Array, wraps: bool) -> Array:
-        """Values of a column at the times of a topic."""
-        if len(column.time) == len(keep) and np.array_equal(column.time[keep], time):
-            return column.values[keep]
-        unit = units.canonical(column.unit) or ""
-        turn = 2 * np.pi if unit == "rad" else 360.0
-        if wraps and np.nanmax(np.abs(column.values), initial=0.0) < 7.0 and unit != "deg":
-            turn = 2 * np.pi
-        return _between(time, column.time, column.values, turn if wraps else None)
-
-
-def _between(time: Array, own_time: Array, own: Array, turn: float | None) -> Array:
-    """A column at other times than its own: linear between its values, NaN outside them; angles the short way round."""
-    good = np.isfinite(own)
-    if not good.any():
-        return np.full(len(time), np.nan)
-    known = np.unwrap(own[good], period=turn) if turn else own[good]
-    return np.interp(time, own_time[good], known, left=np.nan, right=np.nan)
-
-
-class _Fields:
-    """The fields of one topic, and the message that they make."""
-
-    def __init__(
-        self,
-        topic: str,
-        fields: Mapping[str, Any],
-        value: Callable[[str, Signal | None], Array],
-        rows: int,
-        origin: Origin | None,
-    ) -> None:
-        self._topic, self._fields, self._value, self._rows, self._origin = topic, fields, value, rows, origin
-
-    def vector(self, field: str) -> Array:
-        given = self._fields.get(field) or [None, None, None]
-        if not isinstance(given, list):
-            raise InputError(f"mapping: {self._topic}.{field}: expected three values: x, y, z")
-        if not any(signal is not None for signal in given):
-            return np.broadcast_to(np.nan, (self._rows, len(given)))
-        found = np.full((self._rows, len(given)), np.nan)
-        for i, signal in enumerate(given):
-            if signal is not None:
-                found[:, i] = self._value(field, signal)
-        return found
-
-    def scalar(self, field: str) -> Array:
-        given = self._fields.get(field)
-        if isinstance(given, list | dict):
-            raise InputError(f"mapping: {self._topic}.{field}: expected one signal")
-        return self._value(field, given)
-
-    def yaw(self) -> Array:
-        """Counter-clockwise from east [rad]."""
-        return np.pi / 2 - self.scalar("heading") if "heading" in self._fields else self.scalar("yaw")
-
-    def body_velocity(self) -> Array:
-        """Velocity in the axes of the car (n, 3) [m/s]."""
-        if "linear" in self._fields:
-            return self.vector("linear")
-        up = self.scalar("up") if "up" in _QUANTITIES[self._topic] else np.full(self._rows, np.nan)
-        if "speed" in self._fields:
-            speed = self.scalar("speed")
-            if "side_slip" not in self._fields:
-                return np.column_stack([speed, np.full(self._rows, np.nan), up])
-            slip = self.scalar("side_slip")
-            return np.column_stack([speed * np.cos(slip), speed * np.sin(slip), up])
-        return np.column_stack([self.scalar("forward"), self.scalar("left"), up])
-
-    def enu_velocity(self) -> Array:
-        """Velocity to the east, north and up (n, 3) [m/s]."""
-        if "linear" in self._fields:
-            return self.vector("linear")
-        if "forward" in self._fields:
-            if not {"heading", "yaw"} & self._fields.keys():
-                raise InputError(
-                    "mapping: gps/velocity: velocities in the axes of the car need its heading or yaw; without one "
-                    "they are vehicle/velocity"
-                )
-            yaw, along, across = self.yaw(), self.scalar("forward"), self.scalar("left")
-            across = across if "left" in self._fields else np.zeros(self._rows)
-            east, north = along * np.cos(yaw) - across * np.sin(yaw), along * np.sin(yaw) + across * np.cos(yaw)
-            return np.column_stack([east, north, self.scalar("up")])
-        if "course" not in self._fields:
-            raise InputError(
-                "mapping: gps/velocity: a speed without a course has no direction; say it as vehicle/velocity.speed"
-            )
-        return build.course_velocity(self.scalar("speed"), self.scalar("course"), self.scalar("up"))
-
-    def fix(self, stamp: build.Stamps) -> Channel:
-        if "east" not in self._fields:
-            return build.fix(stamp, self.scalar("latitude"), self.scalar("longitude"), self.scalar("altitude"))
-        assert self._origin is not None
-        up = self.scalar("up") if "up" in self._fields else np.zeros(self._rows)
-        origin = (self._origin.latitude, self._origin.longitude, self._origin.altitude)
-        latitude, longitude, altitude = build.geodetic_from_enu(self.scalar("east"), self.scalar("north"), up, origin)
-        return build.fix(stamp, latitude, longitude, altitude if "up" in self._fields else np.full(self._rows, np.nan))
-
-    def channel(self, stamp: build.Stamps) -> Channel:
-        topic, fields = self._topic, self._fields
-        spec = TOPICS[topic]
-        if spec.names:
-            field, joints = next((name, given) for name, given in fields.items() if given)
-            return build.joints(topic, stamp, field, {j: self._value(field, signal) for j, signal in joints.items()})
-        if topic == "gps/fix":
-            return self.fix(stamp)
-        if topic == "gps/velocity":
-            return build.velocity(stamp, self.enu_velocity())
-        if topic == "vehicle/velocity":
-            return build.body_velocity(stamp, self.body_velocity())
-        oriented = bool({"yaw", "heading"} & fields.keys())
-        if topic == "imu/data" and not oriented:
-            return build.imu(stamp, self.vector("angular_velocity"), self.vector("linear_acceleration"))
-        return self._general(stamp)
-
-    def _general(self, stamp: build.Stamps) -> Channel:
-        topic, kind = self._topic, TOPICS[self._topic].kind
-        made = {f: self.vector(f) for f in FIELDS[kind] if _QUANTITIES[topic].get(f) and f not in ("yaw", "heading")}
-        absent: dict[str, Array] = {}
-        if kind == "sensor_msgs/msg/Imu":
-            for field in ("angular_velocity", "linear_acceleration"):
-                if np.isnan(made[field]).all():
-                    absent[f"{field}_covariance"] = np.tile([-1.0] + [0.0] * 8, (len(stamp), 1))
-                    made[field] = np.zeros((len(stamp), 3))
-        if "orientation" in FIELDS[kind]:
-            yaw = self.yaw()
-            zero = np.where(np.isnan(yaw), np.nan, 0.0)
-            made["orientation"] = np.column_stack([zero, zero, np.sin(yaw / 2), np.cos(yaw / 2)])
-        if kind == "nav_msgs/msg/Odometry":
-            made["linear"] = self.body_velocity()
-            unknown = np.zeros((len(stamp), 36))
-            unknown[:, [21, 28]] = np.nan
-            absent["pose_covariance"] = unknown
-        return build.channel(topic, stamp, made | absent)

@@ -14,6 +14,7 @@ import numpy as np
 
 from vsense_ros.bag.importers import mapping as mapping_file
 from vsense_ros.bag.importers.build import Array
+from vsense_ros.bag.importers.columns import recording_from
 from vsense_ros.bag.importers.mapping import Column, Ref, unit_in_name
 from vsense_ros.errors import InputError
 from vsense_ros.messages import units
@@ -54,7 +55,7 @@ def read(path: Path, *, mapping: str | Path | Mapping[str, Any] | None = None) -
             raise InputError(f"{path}: {ref.name!r} has {len(values)} values, its time {name!r} has {len(time)}")
         return Column(time, values, unit_in_name(str(ref.name)))
 
-    return mapping_file.apply(wanted, column, path.stem, NAME)
+    return recording_from(wanted, column, path.stem, NAME)
 
 
 def variables(path: Path) -> dict[str, Array]:

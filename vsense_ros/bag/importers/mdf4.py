@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 
 from vsense_ros.bag.importers import mapping as mapping_file
+from vsense_ros.bag.importers.columns import recording_from
 from vsense_ros.bag.importers.mapping import Column, Ref
 from vsense_ros.driver.mdf import make_asammdf_careful
 from vsense_ros.errors import InputError
@@ -39,7 +40,7 @@ def read(path: Path, *, mapping: str | Path | Mapping[str, Any] | None = None) -
             start = file.header.start_time
             start = start if start.tzinfo else start.replace(tzinfo=UTC)
             wanted = wanted.model_copy(update={"time": wanted.time.model_copy(update={"start": start})})
-        return mapping_file.apply(wanted, lambda ref: _column(path, file, ref), path.stem, NAME)
+        return recording_from(wanted, lambda ref: _column(path, file, ref), path.stem, NAME)
 
 
 def channels(path: Path) -> tuple[dict[str, Any], dict[str, str]]:

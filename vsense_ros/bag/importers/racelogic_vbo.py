@@ -20,6 +20,7 @@ import pyarrow.csv
 from vsense_ros.bag.importers import build
 from vsense_ros.bag.importers import mapping as mapping_file
 from vsense_ros.bag.importers.build import Array
+from vsense_ros.bag.importers.columns import recording_from
 from vsense_ros.bag.importers.mapping import Column, Ref
 from vsense_ros.errors import InputError
 from vsense_ros.messages.recording import Channel, Recording
@@ -71,7 +72,7 @@ def read(path: Path, *, mapping: str | Path | Mapping[str, Any] | None = None) -
                 raise InputError(f"{path}: no column {ref.name!r}; found: {', '.join(names)}")
             return Column(seconds, table[str(ref.name)])
 
-        more = mapping_file.apply(wanted, column, path.stem, NAME, base)
+        more = recording_from(wanted, column, path.stem, NAME, base)
         channels |= more.channels
         notes += more.notes
     rest = [name for name in names if name not in (*_USED, "sats", "velocity", "heading", "height", "vert-vel")]

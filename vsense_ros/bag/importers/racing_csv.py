@@ -13,6 +13,7 @@ from typing import Any
 
 from vsense_ros.bag.importers import mapping as mapping_file
 from vsense_ros.bag.importers import text_table
+from vsense_ros.bag.importers.columns import recording_from
 from vsense_ros.errors import InputError
 from vsense_ros.messages.recording import Recording
 
@@ -44,7 +45,7 @@ def read(path: Path, *, mapping: str | Path | Mapping[str, Any] | None = None) -
         time = time.model_copy(update={"start": start})
     wanted = wanted.model_copy(update={"skip_lines": skipped, "time": time})
     table = text_table.read_table(path, wanted)
-    recording = mapping_file.apply(wanted, table.column, path.stem, NAME, table.base)
+    recording = recording_from(wanted, table.column, path.stem, NAME, table.base)
     return replace(recording, notes=(*table.notes, *recording.notes))
 
 
