@@ -61,7 +61,7 @@ def test_at_low_lateral_acceleration_each_plant_turns_as_the_single_track_car_do
         assert end["rates"][2] == pytest.approx(expected, rel=0.02)
 
 
-@pytest.mark.slow
+@pytest.mark.exam
 def test_two_plants_that_share_no_dynamics_agree():
     lanes = [(CARS[i], course) for i, course in enumerate([
         replace(courses.steering_sweep(22.0, 2.5), duration=4.0),

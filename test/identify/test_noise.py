@@ -233,7 +233,7 @@ def test_a_recording_that_tells_nothing_is_refused(car: Vehicle, drive: Recordin
         innovations(replace(drive, channels=still), car)
 
 
-@pytest.mark.slow
+@pytest.mark.exam
 @pytest.mark.timeout(900)
 def test_the_noise_that_was_put_into_a_recording_is_found(car: Vehicle, tmp_path: Path):
     """The file believes in sensors that are better or worse than those of the recording by a factor of two or three.
