@@ -67,3 +67,24 @@ def test_a_recording_without_the_sensor_has_no_baseline():
     assert baselines.by_label(("raw gyro", baselines.score_all(baselines.gyro(empty), empty))) == {}
     with pytest.raises(InputError, match=r"empty.*imu/data"):
         baselines.fit_regression([empty])
+
+
+def test_what_costs_nothing_is_the_last_reading_or_zero_or_the_mean():
+    seconds = np.arange(0.0, 10.0, 0.01)
+    speed = 10.0 + seconds
+    fixes = np.arange(0.0, 10.0, 0.5)
+    velocity = channel(
+        "gps/velocity",
+        "geometry_msgs/msg/TwistWithCovarianceStamped",
+        fixes,
+        {"linear": np.column_stack([0.6 * (10.0 + fixes), 0.8 * (10.0 + fixes), np.zeros(len(fixes))])},
+    )
+    truth = odometry("reference/odometry", seconds, vx=speed, vy=np.full(len(seconds), 0.4), yaw_rate=0.1 * seconds)
+    found = baselines.trivial(recording(truth, velocity))
+    label, speed_error = found["longitudinal_velocity"]
+    assert label == "GNSS"
+    assert speed_error.rmse == pytest.approx(0.5 / 3**0.5, rel=0.03)  # a ramp of 1 m/s², held for half a second
+    assert found["lateral_velocity"][0] == "zero"
+    assert found["lateral_velocity"][1].rmse == pytest.approx(0.4)
+    assert found["yaw_rate"][0] == "mean"
+    assert found["yaw_rate"][1].rmse == pytest.approx(1.0 / 12**0.5, rel=0.01)

@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from scipy.stats import chi2
 
 from synthetic_drives import START, channel, odometry, recording, slalom
 from vsense_ros.evaluate.metrics import align, compare, lag, score, without_reference
@@ -219,3 +222,33 @@ def test_euler_angles_undo_the_rotations_they_are_defined_by(roll, pitch, yaw):
     rotation = pytest.importorskip("scipy.spatial.transform").Rotation.from_euler("ZYX", [yaw, pitch, roll])
     found = np.array(euler_angles(rotation.as_quat()[None, :])).ravel()
     assert found == pytest.approx([roll, pitch, yaw], abs=1e-6)
+
+
+def test_shares_within_two_deviations_and_nees_are_those_of_the_normal_distribution():
+    random, seconds = np.random.default_rng(4), np.arange(0.0, 400.0, 0.05)
+    truth = Series(SIGNALS["speed"], (START + seconds * 1e9).astype(np.int64), np.zeros((len(seconds), 1)))
+    deviation = random.uniform(0.1, 3.0, len(seconds))
+    error = deviation * random.normal(size=len(seconds))
+    found = score(replace(truth, value=error[:, None], deviation=deviation), truth)
+    assert found.within_2s == pytest.approx(chi2.cdf(4.0, 1), abs=0.01)
+    assert found.nees == pytest.approx(1.0, abs=0.08)
+    too_sure = score(replace(truth, value=error[:, None], deviation=deviation / 3), truth)
+    assert too_sure.within_2s == pytest.approx(chi2.cdf(4.0 / 9.0, 1), abs=0.02)
+    assert too_sure.nees == pytest.approx(9.0 * found.nees)
+    assert score(replace(truth, value=error[:, None]), truth).nees is None
+
+
+def test_a_heading_that_the_filter_does_not_know_is_not_scored():
+    seconds = np.arange(0.0, 10.0, 0.1)
+    truth = read_signals(recording(odometry("reference/odometry", seconds)), "reference")["yaw"]
+    unknown = seconds < 4.0
+    estimate = replace(
+        truth,
+        value=np.where(unknown, 2.0, 0.01)[:, None],
+        deviation=np.where(unknown, np.pi, 0.02),
+    )
+    found = score(estimate, truth)
+    assert found.rmse == pytest.approx(0.01)
+    assert found.known == pytest.approx(0.6)
+    assert found.nees == pytest.approx(0.25)
+    assert score(replace(estimate, deviation=np.full(len(seconds), np.pi)), truth) is None

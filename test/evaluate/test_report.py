@@ -212,7 +212,10 @@ def test_a_car_that_comes_to_rest_has_a_picture_and_a_page(whole, tmp_path):
 def test_the_summary_is_plain_json_with_null_where_there_is_no_value(whole):
     found = json.loads(json.dumps(replace(whole, step_us_median=float("nan")).summary(), allow_nan=False))
     assert set(found) == {"signals", "balance_percent", "step_us_median", "realtime_factor", "messages_lost"}
-    assert set(found["signals"]["side_slip"]) == {"rmse", "nrmsd_percent", "bias", "lag_s", "unit"}
+    assert set(found["signals"]["side_slip"]) == {
+        *("rmse", "nrmsd_percent", "bias", "lag_s", "unit"),
+        *("within_2s", "nees", "known", "trivial"),
+    }
     assert found["signals"]["side_slip"]["unit"] == "rad"
     assert found["step_us_median"] is None
     assert found["messages_lost"] == 2
@@ -238,12 +241,18 @@ def test_references_and_estimates_are_no_sensors(whole):
 
 def test_scores_are_shown_in_the_units_people_read():
     found = SignalScore(np.radians(0.157), 3.456, np.radians(-0.01234), -0.0123, "rad", 10)
-    assert score_cells("side_slip", found) == ("0.157°", "3.46 %", "-0.012°", "-12.3 ms")
+    assert score_cells("side_slip", found) == (
+        *("0.157°", "–", "–", "–"),
+        *("3.46 %", "-0.012°", "-12.3 ms"),
+    )
+    sure = replace(found, within_2s=0.42, nees=7.31, known=0.5)
+    assert score_cells("side_slip", sure, ("zero", replace(found, rmse=np.radians(1.23))))[:4] == (
+        *("0.157° in 50 %", "42 %", "7.31", "1.23° (zero)"),
+    )
+    assert score_cells("yaw", found)[4] == "–"  # a range of headings is that of the drive
     assert score_cells("wheel_force_fl_z", SignalScore(123.4, None, 1.0, None, "N", 1)) == (
-        "0.123 kN",
-        "–",
-        "+0.001 kN",
-        "–",
+        *("0.123 kN", "–", "–", "–"),
+        *("–", "+0.001 kN", "–"),
     )
 
 

@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 
 import numpy as np
+import pymap3d
 from numpy.typing import NDArray
 
 from vsense_ros.errors import InputError
@@ -44,6 +45,63 @@ def gyro(recording: Recording) -> list[Series]:
     if channel is None:
         return []
     return [make_series(SIGNALS["yaw_rate"], channel, channel.columns["angular_velocity"][:, 2:])]
+
+
+ZERO, CONSTANT = "zero", "mean"
+_ABOUT_ZERO = ("side_slip", "lateral_velocity", "roll", "pitch", "vertical_acceleration")
+
+
+def trivial(recording: Recording) -> dict[str, tuple[str, SignalScore]]:
+    """What costs nothing, for each signal of the reference: its name in words, and its score.
+
+    The last reading of the sensor that measures the signal, as it is: GNSS for speed, course and position, the gyro
+    and the accelerometers; zero for angles and velocities that are small on most drives; else the mean of the truth,
+    which nobody knows beforehand.
+    """
+    truths = read_signals(recording, "reference")
+    readings = {one.signal.name: (label, one) for label, one in _raw_readings(recording, truths)}
+    found = {}
+    for name, truth in truths.items():
+        label, estimate = readings.get(name, (ZERO, _level(truth, 0.0)))
+        if name not in readings and name not in _ABOUT_ZERO:
+            label, estimate = CONSTANT, _level(truth, truth.value.mean(axis=0))
+        result = score(estimate, truth)
+        if result is not None:
+            found[name] = label, result
+    return found
+
+
+def _level(truth: Series, value: Array | float) -> Series:
+    return Series(truth.signal, truth.stamp, np.broadcast_to(value, truth.value.shape).astype(float))
+
+
+def _raw_readings(recording: Recording, truths: Mapping[str, Series]) -> Iterator[tuple[str, Series]]:
+    """The last readings of sensors at the stamps of the truth, each with its name."""
+    channels = {topic: find_channel(recording, topic) for topic in ("imu/data", "gps/velocity", "gps/fix")}
+    imu, velocity, fix = channels.values()
+    values: list[tuple[str, str, Channel, Array]] = []
+    if imu is not None and "angular_velocity" in imu.columns:
+        values.append(("yaw_rate", "gyro", imu, imu.columns["angular_velocity"][:, 2:]))
+    if imu is not None and "linear_acceleration" in imu.columns:
+        for axis, name in enumerate(("longitudinal", "lateral")):
+            forces = imu.columns["linear_acceleration"][:, axis : axis + 1]
+            values.append((f"{name}_acceleration", "sensor", imu, forces))
+    if velocity is not None:
+        east, north = velocity.columns["linear"][:, 0], velocity.columns["linear"][:, 1]
+        for name in ("speed", "longitudinal_velocity"):
+            values.append((name, "GNSS", velocity, np.hypot(east, north)[:, None]))
+        course = np.where(np.hypot(east, north) > SLOWEST_SIDE_SLIP, np.arctan2(north, east), np.nan)
+        values.append(("yaw", "course", velocity, course[:, None]))
+    if fix is not None and recording.map_origin is not None:
+        columns = [fix.columns[name][:, 0] for name in ("latitude", "longitude", "altitude")]
+        east, north, _ = pymap3d.geodetic2enu(columns[0], columns[1], np.nan_to_num(columns[2]), *recording.map_origin)
+        values.append(("position", "fix", fix, np.column_stack([east, north])))
+    for name, label, channel, value in values:
+        series = make_series(SIGNALS[name], channel, value)
+        if name in truths and len(series):
+            stamp = truths[name].stamp[truths[name].stamp >= series.stamp[0]]
+            last = np.searchsorted(series.stamp, stamp, side="right") - 1
+            yield label, Series(series.signal, stamp, series.value[last])
 
 
 def fit_regression(laps: Iterable[Recording]) -> Array:

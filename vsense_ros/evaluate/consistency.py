@@ -13,8 +13,7 @@ from numpy.typing import NDArray
 from scipy.stats import chi2, norm
 
 from vsense_ros.estimation.innovations import Innovations
-from vsense_ros.evaluate.metrics import align
-from vsense_ros.evaluate.signals import read_signals
+from vsense_ros.evaluate.metrics import compare
 from vsense_ros.messages.recording import Recording
 
 Array = NDArray[np.float64]
@@ -73,9 +72,8 @@ def lag_1(whitened: Array) -> tuple[Array, list[int]]:
 
 @dataclass(frozen=True)
 class Error:
-    """Error of an estimate: root mean square [unit of the signal]; `nees`, the mean square of error over standard
-    deviation, 1 if the filter is right; and how much of the time it is `inside` the interval that should hold `SHARE`
-    of it. Errors last, so no interval is told for the mean."""
+    """Error of an estimate: root mean square [unit of the signal], `nees` and the share `inside` two standard
+    deviations, as of `SignalScore`. Errors last, so that no interval can be given for their means."""
 
     rmse: float
     nees: float
@@ -83,20 +81,10 @@ class Error:
 
 
 def errors_of(output: Recording, truth: Recording) -> dict[str, Error]:
-    """Of every signal that `truth` has below `reference/` and `output` with a standard deviation below `vsense/`."""
-    estimates, truths = read_signals(output, "vsense"), read_signals(truth, "reference")
-    found = {}
-    for name, estimate in estimates.items():
-        if name not in truths or estimate.deviation is None or name in _COMBINED:
-            continue
-        aligned = align(estimate, truths[name])
-        deviation = np.interp(aligned.stamp, estimate.stamp, estimate.deviation)
-        known = np.isfinite(deviation) & (deviation > 0)
-        if known.any():
-            ratio = aligned.error[known, 0] / deviation[known]
-            rmse = float(np.sqrt(np.mean(aligned.error[:, 0] ** 2)))
-            found[name] = Error(rmse, float(np.mean(ratio**2)), float(np.mean(np.abs(ratio) < _EDGE)))
-    return found
-
-
-_COMBINED = ("speed", "position")  # of several components, the deviation is that of one
+    """Errors of every signal that `truth` has below `reference/` and `output` with a standard deviation below
+    `vsense/`."""
+    return {
+        name: Error(one.rmse, one.nees, one.within_2s)
+        for name, one in compare(output, truth).items()
+        if one.nees is not None and one.within_2s is not None
+    }

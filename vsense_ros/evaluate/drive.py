@@ -10,6 +10,7 @@ import numpy as np
 
 from vsense_ros.checks.inspect import TopicInfo, inspect
 from vsense_ros.evaluate.balance import Balance, balance
+from vsense_ros.evaluate.baselines import trivial
 from vsense_ros.evaluate.metrics import SignalScore, compare, without_reference
 from vsense_ros.evaluate.signals import find_channel
 from vsense_ros.messages.diagnostic import Diagnostic
@@ -37,8 +38,9 @@ class RunFigures(Protocol):
 class Drive:
     """Input, output, scores and figures of one drive.
 
-    `baselines` holds scores of simpler ways to the same signals; `way` says in words how the drive was computed;
-    `notes` is what a reader must know (what was left out, what was lost and where).
+    `baselines` holds scores of simpler ways to the same signals, `trivial` those of what costs nothing, with its name;
+    `way` says in words how the drive was computed; `notes` is what a reader must know (what was left out, what was lost
+    and where).
     """
 
     name: str
@@ -54,6 +56,7 @@ class Drive:
     baselines: Mapping[str, Mapping[str, SignalScore]] = field(default_factory=dict)
     way: str = ""
     notes: tuple[str, ...] = ()
+    trivial: Mapping[str, tuple[str, SignalScore]] = field(default_factory=dict)
     balance: Balance | None = None  # of the tyre forces with the inertial sensor
 
     @classmethod
@@ -82,6 +85,7 @@ class Drive:
             messages_lost=run.messages_lost,
             diagnostics=tuple(run.diagnostics),
             baselines=baselines or {},
+            trivial=trivial(input),
             way=way,
             notes=notes + tuple(note for note in input.notes if note not in notes),
             balance=None if vehicle is None else balance(run.output, vehicle),
@@ -97,6 +101,10 @@ class Drive:
                     "bias": one.bias,
                     "lag_s": one.lag_s,
                     "unit": one.unit,
+                    "within_2s": one.within_2s,
+                    "nees": one.nees,
+                    "known": one.known,
+                    "trivial": self.trivial[name][1].rmse if name in self.trivial else None,
                 }
                 for name, one in self.scores.items()
             },

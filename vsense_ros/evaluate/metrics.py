@@ -18,6 +18,7 @@ from vsense_ros.messages.recording import Recording
 LONGEST_GAP = 0.5  # between two estimates, to interpolate between them [s]
 LONGEST_LAG = 1.0  # that is searched for [s]
 NO_DIFFERENCE = 1e-6  # of both variances, which the lag has to make to be known
+_BOUNDLESS = 1e12  # standard deviation in any unit that stands for an infinite one
 WEAKEST_CORRELATION = 0.5  # of estimate and truth, for a lag to mean something
 
 
@@ -32,6 +33,11 @@ class SignalScore:
     - `lag_s`: delay that brings the estimate closest to the truth [s], positive where the estimate is late; None
       where the signals do not tell (constant, a ramp, unlike each other).
     - `n`: number of reference values compared.
+    - `within_2s`: share of the errors within two standard deviations, 0.954 if the filter is right; each component of
+      the position counts. `nees`: mean square of error over standard deviation (Bar-Shalom, Li & Kirubarajan 2001,
+      section 5.4), 1 if the filter is right, more if it is too sure of itself. None where it states no deviation, as
+      with those of simpler ways.
+    - `known`: share of the time for which the filter claims to know the signal; only that is scored.
     """
 
     rmse: float
@@ -40,6 +46,9 @@ class SignalScore:
     lag_s: float | None
     unit: str
     n: int
+    within_2s: float | None = None
+    nees: float | None = None
+    known: float = 1.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -47,17 +56,22 @@ class Aligned:
     """Estimate and truth of one signal at the stamps of the truth.
 
     `stamp` (n,) [ns]; `estimate`, `truth` (n, k) [unit of the signal]; angles are continuous and never more than
-    half a turn apart.
+    half a turn apart. `deviation` (n,) one standard deviation of the estimate; NaN where it states none.
     """
 
     stamp: NDArray[np.int64]
     estimate: Array
     truth: Array
+    deviation: Array
 
     @property
     def error(self) -> Array:
         """(n, k) estimate - truth."""
         return self.estimate - self.truth
+
+    def select(self, rows: NDArray[np.bool_]) -> Aligned:
+        """Those rows alone."""
+        return Aligned(self.stamp[rows], self.estimate[rows], self.truth[rows], self.deviation[rows])
 
 
 def compare(output: Recording, input: Recording) -> dict[str, SignalScore]:
@@ -82,11 +96,15 @@ def without_reference(output: Recording, input: Recording) -> list[str]:
 
 
 def score(estimate: Series, truth: Series) -> SignalScore | None:
-    """Score one signal; None where the two have no time in common."""
+    """Score one signal where the estimate claims to know it; None where the two have no such time in common."""
     aligned = align(estimate, truth)
-    if not len(aligned.stamp):
+    claimed = ~(aligned.deviation >= estimate.signal.unknown)
+    if not claimed.any():
         return None
+    aligned = aligned.select(claimed)
     error = aligned.error
+    stated = aligned.deviation > 0
+    ratio = error[stated] / aligned.deviation[stated, None]
     rmse = float(np.sqrt(np.mean(np.sum(error**2, axis=1))))
     extent = float(np.linalg.norm(np.ptp(aligned.truth, axis=0)))
     mean = error.mean(axis=0)
@@ -97,6 +115,9 @@ def score(estimate: Series, truth: Series) -> SignalScore | None:
         lag_s=lag(estimate, truth),
         unit=estimate.signal.unit,
         n=len(error),
+        within_2s=float(np.mean(np.abs(ratio) < 2.0)) if len(ratio) else None,
+        nees=float(np.mean(ratio**2)) if len(ratio) else None,
+        known=float(claimed.mean()),
     )
 
 
@@ -109,7 +130,11 @@ def align(estimate: Series, truth: Series) -> Aligned:
     if angle and len(reference):
         reference = np.unwrap(reference, axis=0)
         value = reference + wrap(value - reference)
-    return Aligned(stamp, value, reference)
+    deviation = np.full(len(stamp), np.nan)
+    if estimate.deviation is not None and len(stamp):
+        # Interpolated between finite ones: beside an infinite one nothing is known.
+        deviation = np.interp(stamp, estimate.stamp, np.minimum(estimate.deviation, np.finfo(float).max))
+    return Aligned(stamp, value, reference, np.where(deviation > _BOUNDLESS, np.inf, deviation))
 
 
 def lag(estimate: Series, truth: Series) -> float | None:

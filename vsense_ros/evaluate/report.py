@@ -17,7 +17,7 @@ from vsense_ros.evaluate.drive import Drive
 from vsense_ros.evaluate.html_page import embedded, write_page
 from vsense_ros.evaluate.picture import BAND, ESTIMATE, MUTED, TRUTH, WHEEL_COLOURS, draw, value_limits
 from vsense_ros.evaluate.signals import SIGNALS, Series, read_signals, thin
-from vsense_ros.evaluate.wording import named, score_cells
+from vsense_ros.evaluate.wording import HEADINGS, LEGEND, named, score_cells
 from vsense_ros.messages.topics import WHEELS
 
 BEYOND = "Tyre forces beyond what is felt, of the weight or the load at rest"
@@ -46,6 +46,8 @@ def write_report(
         "vsense_ros.evaluate",
         "report.html.j2",
         title=title,
+        headings=HEADINGS,
+        legend=LEGEND,
         plotly=get_plotlyjs(),
         drives=[_section(drive, (pictures or {}).get(drive.name)) for drive in drives],
     )
@@ -63,7 +65,7 @@ def _section(drive: Drive, picture: Path | None) -> dict[str, Any]:
         "rows": [
             {
                 "label": SIGNALS[name].label,
-                "cells": score_cells(name, found),
+                "cells": score_cells(name, found, drive.trivial.get(name)),
                 "n": found.n,
                 "others": [
                     (label, score_cells(name, scores[name]))

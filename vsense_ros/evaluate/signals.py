@@ -19,13 +19,19 @@ from vsense_ros.messages.topics import WHEELS
 
 MOST_POINTS = 1600  # of a curve, beyond which neither print nor screen shows more
 SLOWEST_SIDE_SLIP = 3.0  # below this speed the angle of the velocity vector says nothing [m/s]
+# Standard deviation from which a heading is not known [rad]; that of one that may be anywhere is 104°.
+UNKNOWN_HEADING = pi / 3
 
 Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True, slots=True)
 class Signal:
-    """Name and unit of a signal; `shown_unit` and `shown_per_unit` are what people read it in."""
+    """Name and unit of a signal; `shown_unit` and `shown_per_unit` are what people read it in.
+
+    The range of one that is not `ranged`, as of a position, is that of the drive, not of what is hard to estimate. An
+    estimate with a standard deviation of `unknown` [unit] or more claims nothing.
+    """
 
     name: str
     label: str
@@ -33,6 +39,8 @@ class Signal:
     shown_unit: str
     shown_per_unit: float = 1.0
     angle: bool = False
+    ranged: bool = True
+    unknown: float = np.inf
 
 
 @dataclass(frozen=True, slots=True)
@@ -40,7 +48,8 @@ class Series:
     """A signal over time, sorted by time of measurement.
 
     `stamp` (n,) [ns]; `value` (n, k) in the signal's unit, k = 2 for the horizontal position and 1 otherwise;
-    `deviation` (n,) one standard deviation, where the message carries it; infinite where the value means nothing.
+    `deviation` (n,) one standard deviation, of each component, where the message carries it; infinite where the value
+    means nothing.
     """
 
     signal: Signal
@@ -71,10 +80,10 @@ def _signals() -> Mapping[str, Signal]:
         Signal("longitudinal_velocity", "longitudinal velocity", "m/s", "m/s"),
         Signal("speed", "speed", "m/s", "m/s"),
         Signal("yaw_rate", "yaw rate", "rad/s", "°/s", degree),
-        Signal("yaw", "yaw", "rad", "°", degree, angle=True),
+        Signal("yaw", "yaw", "rad", "°", degree, angle=True, ranged=False, unknown=UNKNOWN_HEADING),
         Signal("roll", "roll", "rad", "°", degree, angle=True),
         Signal("pitch", "pitch", "rad", "°", degree, angle=True),
-        Signal("position", "horizontal position", "m", "m"),
+        Signal("position", "horizontal position", "m", "m", ranged=False),
     ]
     for axis in ("longitudinal", "lateral", "vertical"):
         chosen.append(Signal(f"{axis}_acceleration", f"{axis} acceleration", "m/s²", "m/s²"))
@@ -172,7 +181,10 @@ def _read_odometry(odometry: Channel, keep: Callable[[str, Channel, Array, Array
         zip(("roll", "pitch", "yaw"), euler_angles(odometry.columns["orientation"]), strict=True)
     ):
         keep(name, odometry, angle[:, None], variance[3 + axis])
-    keep("position", odometry, odometry.columns["position"][:, :2], variance[0])
+    east, north = variance[:2]
+    # One for both directions; where that of one is absent, so is the position.
+    both = None if east is None or north is None else np.where((east < 0) | (north < 0), -1.0, (east + north) / 2)
+    keep("position", odometry, odometry.columns["position"][:, :2], both)
 
 
 def _variance(channel: Channel, column: str, axis: int) -> Array | None:

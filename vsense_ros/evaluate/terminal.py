@@ -16,7 +16,7 @@ from rich.text import Text
 from vsense_ros.checks.inspect import Inspection
 from vsense_ros.evaluate.drive import Drive
 from vsense_ros.evaluate.signals import SIGNALS
-from vsense_ros.evaluate.wording import balance_in_words, named, score_cells
+from vsense_ros.evaluate.wording import HEADINGS, balance_in_words, named, score_cells
 from vsense_ros.files.names import printable
 
 PIPE_WIDTH = 110  # of lines that go into a file or a pipe
@@ -152,12 +152,12 @@ def show_inspection(inspection: Inspection, out: Console) -> None:
 
 
 def _score_table(drive: Drive) -> Table:
-    table = Table(box=None, pad_edge=False, header_style="bold", padding=(0, 2))
+    table = Table(box=None, pad_edge=False, header_style="bold", padding=(0, 1))
     table.add_column("signal", no_wrap=True)
-    for heading in ("RMSE", "NRMSD", "bias", "lag"):
+    for heading in HEADINGS:
         table.add_column(heading, justify="right", no_wrap=True)
     for name, found in drive.scores.items():
-        table.add_row(SIGNALS[name].label, *score_cells(name, found))
+        table.add_row(SIGNALS[name].label, *score_cells(name, found, drive.trivial.get(name)))
         for label, scores in drive.baselines.items():
             if name in scores:
                 table.add_row(f"  {label}", *score_cells(name, scores[name]), style="dim")

@@ -8,21 +8,46 @@ import numpy as np
 
 from vsense_ros.evaluate.balance import Balance
 from vsense_ros.evaluate.metrics import SignalScore
-from vsense_ros.evaluate.signals import SIGNALS
+from vsense_ros.evaluate.signals import SIGNALS, Signal
+
+HEADINGS = ("RMSE", "in 2σ", "NEES", "trivial", "NRMSD", "bias", "lag")
+LEGEND = (
+    "In 2σ: share of the errors within two of the standard deviations that the filter states, 95 % if these are right. "
+    "NEES: mean square of error over standard deviation, 1 if they are right. Trivial: RMSE of what costs nothing: "
+    "zero, the mean of the reference, the last reading of a sensor. NRMSD: RMSE over the range of the reference "
+    "(Leung 2010), where that says something. Bias: estimate minus reference. Lag: positive where the estimate is late; "
+    "– where the signal cannot tell."
+)
 
 
-def score_cells(name: str, found: SignalScore) -> tuple[str, str, str, str]:
-    """RMSE, NRMSD, bias and lag of a signal as people read them; "–" where there is no value.
+def score_cells(name: str, found: SignalScore, trivial: tuple[str, SignalScore] | None = None) -> tuple[str, ...]:
+    """The cells below `HEADINGS` for a signal, as people read them; "–" where there is no value.
 
-    The RMSE has three digits (no more than four decimals), the bias as many decimals as the RMSE.
+    The RMSE has three digits (no more than four decimals), the bias as many decimals as the RMSE. An error that was
+    only scored for a part of the time, as the filter did not claim to know the signal, is followed by that share.
     """
     signal = SIGNALS[name]
     unit = ("" if signal.shown_unit.startswith("°") else " ") + signal.shown_unit
-    rmse, bias = found.rmse * signal.shown_per_unit, found.bias * signal.shown_per_unit
-    decimals = int(np.clip(2 - np.floor(np.log10(rmse)), 0, 4)) if rmse > 0.0 else 2
-    nrmsd = "–" if found.nrmsd_percent is None else f"{found.nrmsd_percent:.2f} %"
+    bias = found.bias * signal.shown_per_unit
+    nrmsd = "–" if found.nrmsd_percent is None or not signal.ranged else f"{found.nrmsd_percent:.2f} %"
     lag = "–" if found.lag_s is None else f"{found.lag_s * 1e3:+.1f} ms"
-    return f"{rmse:.{decimals}f}{unit}", nrmsd, f"{bias:+.{decimals}f}{unit}", lag
+    inside = "–" if found.within_2s is None else f"{100 * found.within_2s:.0f} %"
+    nees = "–" if found.nees is None else f"{found.nees:.2f}" if found.nees < 100 else f"{found.nees:.0f}"
+    known = "" if found.known > 0.995 else f" in {100 * found.known:.0f} %"
+    costs_nothing = "–" if trivial is None else f"{_amount(signal, trivial[1].rmse)} ({trivial[0]})"
+    decimals = _decimals(found.rmse * signal.shown_per_unit)
+    rmse = f"{_amount(signal, found.rmse)}{known}"
+    return rmse, inside, nees, costs_nothing, nrmsd, f"{bias:+.{decimals}f}{unit}", lag
+
+
+def _amount(signal: Signal, rmse: float) -> str:
+    """A root mean square in the unit that people read."""
+    value = rmse * signal.shown_per_unit
+    return f"{value:.{_decimals(value)}f}{'' if signal.shown_unit.startswith('°') else ' '}{signal.shown_unit}"
+
+
+def _decimals(shown: float) -> int:
+    return int(np.clip(2 - np.floor(np.log10(shown)), 0, 4)) if shown > 0.0 else 2
 
 
 def balance_in_words(found: Balance) -> str:
