@@ -14,6 +14,7 @@ A row holds if
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
 from functools import cache
@@ -297,10 +298,13 @@ def judge(row: Row, run: Run, clean: Run, *, noticeable: bool) -> RowOutcome:
     most = max(SIGMAS, USUAL * usual)
     outside = sigmas > most
     ok = _is_ok(run, "observer", t)
+    usual_words = {_words(line.message) for _, line in clean.said.get(row.part.line, ())}
     complaints = [
         line.message
         for when, line in run.said.get(row.part.line, ())
-        if begin <= when <= end + NAMED_WITHIN and line.level is not Level.OK and _is_ok(clean, row.part.line, when)
+        if begin <= when <= end + NAMED_WITHIN
+        and line.level is not Level.OK
+        and _words(line.message) not in usual_words
     ]
     headline = [line.message for when, line in run.said.get("observer", ()) if begin <= when <= end + NAMED_WITHIN]
     named = bool(complaints) or any(row.part.line in text for text in headline)
@@ -375,6 +379,11 @@ def _values(channel: Channel, signal: Signal, at: Channel) -> Array:
     else:
         columns = channel.columns[signal.field][:, list(signal.axes)]
     return np.column_stack([np.interp(at.stamp, channel.stamp[order], axis[order]) for axis in columns.T])
+
+
+def _words(sentence: str) -> str:
+    """A sentence without its numbers."""
+    return re.sub(r"[\d.]+", "", sentence)
 
 
 def _is_ok(run: Run, name: str, t: Array | float) -> NDArray[np.bool_]:
