@@ -91,7 +91,7 @@ class Client:
 
     @property
     def is_off(self) -> bool:
-        """Whether the accelerator is left alone at present."""
+        """True if the accelerator is left alone at present."""
         return self._misses >= MISSES and self.transport.now() < self._resume
 
     def set_table(self, kernel: str, table: NDArray[np.uint32]) -> None:

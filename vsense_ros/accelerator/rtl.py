@@ -75,7 +75,7 @@ class Rtl:
 
     @property
     def clocks(self) -> int:
-        """Of all requests so far, loading and unloading included."""
+        """Clock cycles of all requests so far, loading and unloading included."""
         return int(self._library.rtl_clocks(self._handle))
 
     def close(self) -> None:

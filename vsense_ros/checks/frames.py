@@ -165,7 +165,7 @@ def _position_noise(signals: AlignedSignals) -> float:
 
 
 def _turns_with_gyro(signals: AlignedSignals, velocity: Array, good: Mask) -> bool | None:
-    """Whether the course of a velocity turns as the gyro does; None where that cannot be said."""
+    """True if the course of a velocity turns as the gyro does; None where that cannot be said."""
     if "wz" not in signals:
         return None
     full = np.full((2, len(signals.t)), np.nan)

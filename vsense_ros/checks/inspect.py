@@ -212,7 +212,7 @@ def _holes(channel: Channel, live: Mapping[str, Array]) -> Iterator[Finding]:
 
 
 def _takes_turns(channel: Channel, values: Array) -> bool:
-    """Whether a signal is absent from messages that carry other parts of the topic, and comes regularly itself."""
+    """True if a signal is absent from messages that carry other parts of the topic, and comes regularly itself."""
     stamp = channel.stamp[np.isfinite(values)]
     if len(stamp) < 10:
         return False

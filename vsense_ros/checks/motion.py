@@ -64,7 +64,7 @@ class Motion:
 
     @property
     def has_speed(self) -> bool:
-        """Whether any sensor measures the speed."""
+        """True if any sensor measures the speed."""
         return bool(np.isfinite(self.speed).any())
 
     def smooth(self, values: Array, span: float | None = None) -> Array:

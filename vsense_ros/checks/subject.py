@@ -65,7 +65,7 @@ class Subject:
 
     @property
     def velocity_is_wrong(self) -> bool:
-        """Whether the GNSS velocity is in another frame or unit than the position."""
+        """True if the GNSS velocity is in another frame or unit than the position."""
         return any(finding.topic == self.topics[Role.VELOCITY] for finding in self.frame_findings)
 
     @cached_property

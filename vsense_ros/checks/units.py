@@ -123,7 +123,7 @@ def rolling(subject: Subject, _: Sequence[Finding]) -> Iterator[Finding]:
 
 
 def _radius_is_sure(motion: Motion) -> bool:
-    """Whether a ratio near that of km/h cannot be a small wheel and an antenna beside the middle of the car, which is
+    """True if a ratio near that of km/h cannot be a small wheel and an antenna beside the middle of the car, which is
     faster than the wheels in bends to one side and slower in others."""
     if GNSS not in motion.turns:
         return True

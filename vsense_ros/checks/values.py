@@ -259,7 +259,7 @@ def frozen_steering(subject: Subject, _: Sequence[Finding]) -> Iterator[Finding]
 
 
 def turns_otherwise(lateral: Array, speed: Array, least: float, share: float) -> bool:
-    """Whether a car changes how it turns: its lateral acceleration (n,) by `least` [m/s²], and its curvature by a
+    """True if a car changes how it turns: its lateral acceleration (n,) by `least` [m/s²], and its curvature by a
     `share` of the largest, as it does not by a change of the speed (n,) [m/s] alone."""
     curvature = lateral / np.maximum(speed, 1.0) ** 2
     good = np.isfinite(curvature)

@@ -62,7 +62,7 @@ class CanFrames:
 
     @property
     def counts_from_zero(self) -> bool:
-        """Whether the times count from the start of the log."""
+        """True if the times count from the start of the log."""
         return bool(len(self.time)) and float(np.median(self.time)) < UNIX
 
     def rows(self, chosen: NDArray[np.intp]) -> Frames:

@@ -95,7 +95,7 @@ class SignalField:
         return value - (1 << self.length) if self.is_signed and value >> (self.length - 1) else value
 
     def has(self, data: bytes) -> bool:
-        """Whether the frame is of a page that has the signal."""
+        """True if the frame is of a page that has the signal."""
         return all(selector.raw(data) in values for selector, values in self.pages)
 
     def physical(self, data: bytes) -> float:

@@ -78,7 +78,7 @@ class StreamMonitor:
         self.others[what] += 1
 
     def accept(self, stamp: int, at: int | None = None) -> bool:
-        """Whether a measurement with this stamp belongs in the stream; if not, the fault is counted.
+        """True if a measurement with this stamp belongs in the stream; if not, the fault is counted.
 
         With `at`, a long gap between stamps is accepted where the arrivals show the same gap.
         """

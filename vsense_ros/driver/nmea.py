@@ -269,7 +269,7 @@ class NmeaDecoder:
 
     @staticmethod
     def _is_no_fix(message: Any) -> bool:
-        """Whether the mode indicator, which sentences have since NMEA 2.3, says that nothing was measured."""
+        """True if the mode indicator, which sentences have since NMEA 2.3, says that nothing was measured."""
         return str(getattr(message, "posMode", "")) in _NOT_MEASURED
 
     def _horizontal_velocity(

@@ -19,7 +19,8 @@ def atomic_write(path: str | Path) -> Iterator[TextIO]:
 
 @contextmanager
 def in_place_of(path: str | Path) -> Iterator[Path]:
-    """The same for who writes files by their path: that of a new one beside `path`, or of what is no file."""
+    """Path at which to write a file that shall take the place of another at once: that of a new one beside `path`, or
+    of what is no file."""
     target = Path(path).resolve()
     if target.exists() and not target.is_file():
         yield target

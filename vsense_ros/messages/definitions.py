@@ -141,7 +141,7 @@ def fields(name: str) -> list[tuple[str, str]]:
 
 
 def is_message(field_type: str) -> bool:
-    """Whether a field type names another message of this module."""
+    """True if a field type names another message of this module."""
     return field_type.partition("[")[0] in _DEFINITIONS
 
 

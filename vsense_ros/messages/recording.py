@@ -107,7 +107,7 @@ class Channel:
         return (self.stamp - self.stamp[0]) * 1e-9 if len(self) else np.zeros(0)
 
     def select(self, rows: NDArray[np.bool_] | NDArray[np.int64] | slice) -> Channel:
-        """The same channel with only these rows."""
+        """The channel with only these rows."""
         return replace(
             self,
             stamp=self.stamp[rows],
@@ -116,7 +116,7 @@ class Channel:
         )
 
     def in_order(self) -> Channel:
-        """The same channel with its rows in order of arrival."""
+        """The channel with its rows in order of arrival."""
         if np.all(self.received[1:] >= self.received[:-1]):
             return self
         return self.select(np.argsort(self.received, kind="stable"))

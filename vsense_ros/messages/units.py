@@ -93,6 +93,6 @@ def to_si(unit: str) -> float:
 
 
 def contradiction(stated: str, said: str) -> bool:
-    """Whether a source's own unit and one that somebody says it has are both known and not the same."""
+    """True if a source's own unit and one that somebody says it has are both known and not the same."""
     one, other = canonical(stated), canonical(said)
     return stated.strip() not in ("", "-", "1") and one is not None and other is not None and one != other

@@ -95,7 +95,7 @@ def faults_of(recording: Recording, vehicle: Vehicle) -> list[Finding]:
 
 
 def recording_turned(recording: Recording, sensor: SensorBase) -> bool:
-    """Whether the vehicle file says that a sensor of the recording is mounted in other axes than the car's."""
+    """True if the vehicle file says that a sensor of the recording is mounted in other axes than the car's."""
     channel = recording.channels.get(sensor.topic)
     return channel is not None and bool(sensor.message_in_axes_of_car(channel.columns))
 
@@ -182,7 +182,7 @@ def _of_several_cars(recordings: Sequence[Recording], sensors: Mapping[str, Sens
 
 
 def _given_twice(recordings: Sequence[Recording]) -> Iterator[str]:
-    """The same measurements in two recordings: one would seem to prove what was found in the other."""
+    """Recordings with the measurements of another one, which would seem to prove what was found in the other."""
     names: dict[bytes, str] = {}
     for recording in recordings:
         content = recording.digest()

@@ -1,4 +1,4 @@
-"""Whether the observer is better with what was found: on recordings that no fit has seen.
+"""Comparison of the observer with and without the effects of an answer, on recordings that no fit has seen.
 
 An observer lives with a model that is a little wrong: it doubts it, by its noise levels. So each vehicle is judged with
 noise levels that fit it, found on the recordings that were fitted. How likely the measurements of the held-out
@@ -147,7 +147,7 @@ def _free(name: str, paths: Sequence[str]) -> FreeParameter:
 
 
 def _pieces(recordings: Sequence[Recording], dataset: Dataset) -> list[Recording]:
-    """Of each recording that was fitted a stretch, from where its first window begins on."""
+    """A stretch of each recording that was fitted, from the beginning of its first window on."""
     fitted = [windows[0] for windows in dataset.by_recording()]
     return [
         recordings[window.recording].between(begin := max(0.0, window.begin - 5.0), begin + TUNED_ON / len(fitted))
@@ -278,7 +278,7 @@ def fitted_place(
 
 
 def _judged(found: ObserverComparison) -> tuple[bool, str]:
-    """Whether the observer is better with the extended file, and a sentence that says so."""
+    """True if the observer is better with the extended file, and a sentence that says so."""
     was, retuned, extended = found.as_it_was, found.retuned, found.extended
     on = "held-out recordings" if found.held_out else "the fitted recordings, as none was held out"
     gained, by_noise = (one.log_likelihood - was.log_likelihood for one in (extended, retuned))

@@ -51,7 +51,7 @@ class Readings:
 
     @property
     def in_own_axes(self) -> Readings:
-        """The same as the sensor gave them."""
+        """The readings in the axes of the sensor, as it gave them."""
         return self if self.as_mounted is None else Readings(self.t, self.as_mounted)
 
     def rows(self, chosen: NDArray[np.bool_] | slice) -> Readings:
@@ -318,7 +318,7 @@ def _place(road: Road, speed: Readings, position: Readings | None) -> Readings:
 
 
 def _to_both_ends(distance: Array, abscissa: Array, travelled: Array) -> tuple[Array, Array]:
-    """The same from the begin of what was travelled to its end, whenever positions were told."""
+    """Positions extended to the beginning and the end of what was travelled."""
     before, after = travelled[travelled < distance[0]], travelled[travelled > distance[-1]]
     on = abscissa[0] + before - distance[0], abscissa, abscissa[-1] + after - distance[-1]
     return np.concatenate([before, distance, after]), np.concatenate(on)

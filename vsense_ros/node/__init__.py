@@ -14,7 +14,7 @@ _SET_PARENT_DEATH_SIGNAL = 1  # PR_SET_PDEATHSIG of prctl(2)
 
 
 def _is_the_process_of_a_node() -> bool:
-    """Whether Python was started for one of the modules here, by its name or by its executable."""
+    """True if Python was started for one of the modules here, by its name or by its executable."""
     arguments = sys.orig_argv[1:]
     if "-m" in arguments[:-1]:
         return arguments[arguments.index("-m") + 1].startswith(f"{__name__}.")

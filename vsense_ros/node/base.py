@@ -136,7 +136,7 @@ class SensingNode(LifecycleNode, Generic[Params]):
             self._listening_publisher.publish(Header(frame_id=self.get_fully_qualified_name()))
 
     def hears_all(self) -> bool:
-        """Whether there is nothing that this node would listen to and does not yet."""
+        """True if there is nothing that this node would listen to and does not yet."""
         return True
 
     # Publishing
@@ -361,7 +361,7 @@ def _unique_name() -> str:
 
 
 def is_between_nodes(topic: str) -> bool:
-    """Whether nodes talk there of replays or of their lifecycle: nothing to record or to look at."""
+    """True if nodes talk there of replays or of their lifecycle: nothing to record or to look at."""
     last = (f"/{PROGRESS_TOPIC}", f"/{LISTENING_TOPIC}", "/transition_event")
     return topic.endswith(last) or f"/{QUESTIONS}/" in topic
 

@@ -92,7 +92,7 @@ class Timeline:
         self.latched["robot_description"] = cdr_messages.encode_text(urdf(vehicle))
 
     def _steering(self, vehicle: Vehicle, stamps: NDArray[np.int64]) -> NDArray[np.float64]:
-        """Of the front wheels at these times [rad]; zero where the bags do not tell it."""
+        """Steering angles of the front wheels at these times [rad]; zero where the bags have none."""
         for sensor in vehicle.sensing().values():
             channel = self._channels.get(sensor.topic)
             if channel is None or "steering" not in sensor.tells or not len(channel):
@@ -115,7 +115,7 @@ class Timeline:
             yield int(self.times[i]), self._topics[self._topic_of[i]], self._payloads[self._order[i]]
 
     def newest(self, position: int) -> list[tuple[int, str, bytes]]:
-        """Of each topic the newest message before a place, if it is not older than three seconds."""
+        """The newest message of each topic before a place, if it is not older than three seconds."""
         begin = int(np.searchsorted(self.times, self.times[min(position, len(self) - 1)] - _BEFORE))
         found = {topic: (at, topic, data) for at, topic, data in self.between(begin, position)}
         return list(found.values())

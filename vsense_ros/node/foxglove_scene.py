@@ -41,7 +41,8 @@ _NEAR_THE_LIMIT = 0.85  # share of the circle from which on a force is red
 
 
 class Scene:
-    """Of one car; a length of one metre is the load of a wheel at rest, or 4000 N where the car is not known."""
+    """Arrows and shapes that show one car; a length of one metre is the load of a wheel at rest, or 4000 N where the
+    car is not known."""
 
     def __init__(self, vehicle: Vehicle | None = None, prefix: str = "") -> None:
         """`prefix` stands before the names of the car's frames."""
@@ -99,8 +100,8 @@ class Scene:
         return [(TYRES, SceneUpdate(entities=entities))]
 
     def sizes(self, wheel: str) -> tuple[float, float, float | None]:
-        """Of a tyre: length of its force [m], that force's direction from ahead to the left [rad], and the radius of
-        the circle of what it could have [m]; None where the car is not known."""
+        """Sizes that show a tyre: length of its force [m], that force's direction from ahead to the left [rad], and the
+        radius of the circle of what it could have [m]; None where the car is not known."""
         x, y, z = self._forces[wheel]
         radius = None if self._friction is None else self._scale * self._friction * max(z, 0.0)
         return self._scale * hypot(x, y), atan2(y, x), radius

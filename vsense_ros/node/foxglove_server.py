@@ -64,7 +64,7 @@ class FoxgloveServer:
 
     @property
     def is_watched(self) -> bool:
-        """Whether a viewer has come and asked for all that it wants."""
+        """True if a viewer has come and asked for all that it wants."""
         return time.monotonic() - self._asked > _ALL_ASKED
 
     @property
@@ -109,7 +109,7 @@ class FoxgloveServer:
         self._server.broadcast_time(now)
 
     def tell_state(self, state: PlaybackState) -> None:
-        """Whether the recording plays, and where it is."""
+        """Send the state of the playback, playing or paused, and its time."""
         self._server.broadcast_playback_state(state)
 
     def stop(self) -> None:

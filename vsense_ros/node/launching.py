@@ -54,7 +54,7 @@ class Given:
         return self._value(name, int, "a whole number")
 
     def numbers(self, name: str) -> list[float]:
-        """Of a list with commas between; empty for an empty text."""
+        """Numbers of a list with commas between; empty for an empty text."""
         return self._value(name, lambda text: [float(part) for part in text.split(",")] if text else [], "numbers a,b")
 
     def _value(self, name: str, read: Callable[[str], Any], expected: str) -> Any:

@@ -154,7 +154,7 @@ def changed(node: Node, model: type[Model], changes: list[Parameter]) -> Model:
 
 
 def is_live(model: type[NodeParameters], name: str) -> bool:
-    """Whether a parameter may change while the node is active."""
+    """True if a parameter may change while the node is active."""
     return bool(_extra(model, name, "live"))
 
 

@@ -24,7 +24,7 @@ class Port(Protocol):
     """Where bytes go."""
 
     def ready(self) -> bool:
-        """Whether somebody reads."""
+        """True if somebody reads."""
 
     def write(self, data: bytes) -> int:
         """Bytes that nobody took."""
@@ -143,7 +143,7 @@ class SlcanAdapter:
         self._command = b""
 
     def ready(self) -> bool:
-        """Whether a driver has opened the channel."""
+        """True if a driver has opened the channel."""
         self._answer()
         return self._open and self._port.ready()
 

@@ -151,7 +151,7 @@ class NodeProcess:
         return self._process.poll()
 
     def says(self, text: str) -> bool:
-        """Whether a line of its log ends with `text` or has it before a colon."""
+        """True if a line of its log ends with `text` or has it before a colon."""
         with self._heard:
             return any(line.endswith(f": {text}") or f": {text}:" in line for line in self._lines)
 

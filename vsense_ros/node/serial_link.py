@@ -112,7 +112,7 @@ class SerialLink:
             self._latest_fault = (reason, time.monotonic())
 
     def diagnostic(self) -> Diagnostic:
-        """Whether the port is open, and what of its bytes could not be used."""
+        """Health of the port: open or not, and how many of its bytes could not be used."""
         values = {"port": self.port, "baud rate": str(self.baud_rate), "losses": str(self.losses)}
         values["faults in what was received"] = str(self.faults)
         if self.problem:

@@ -85,7 +85,7 @@ class TimeBase:
         self._set_back = set_back
 
     def _promptest(self, first: int, end: int) -> tuple[int, int]:
-        """Of the ticks in these columns the one that makes the time latest, of equal ones the newest."""
+        """The one of the ticks in these columns that makes the time latest, of equal ones the newest."""
         wall, simulated = self._ticks[:, first:end][:, ::-1] - self._ticks[:, self._first, None]
         place = end - 1 - int((simulated - self._rate * wall).argmax())
         return int(self._ticks[0, place]), int(self._ticks[1, place])
@@ -114,7 +114,7 @@ class TimeBase:
             return self._at(wall) if self._end > self._first else None
 
     def settled(self, wall: int) -> bool:
-        """Whether the clock runs, and no ticks may be waiting for this process that would tell another time."""
+        """True if the clock runs, and no ticks can be waiting for this process that would change its time."""
         return not self.simulated or (wall - self._set_back >= _SETTLING and wall - self._heard <= _PATIENCE)
 
     def now(self) -> int | None:

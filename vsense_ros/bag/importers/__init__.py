@@ -83,7 +83,7 @@ def find_importer(path: str | Path, options: Collection[str] = ()) -> Importer:
 
 
 def _matches(importer: Importer, path: Path) -> bool:
-    """Whether an importer knows what a path holds; one whose library stumbles over a damaged file does not."""
+    """True if an importer knows what a path holds; one whose library stumbles over a damaged file does not."""
     try:
         return importer.matches(path)
     except Exception:

@@ -29,7 +29,7 @@ _Part = tuple[Output, Stamps, Stamps, dict[str, Array]]  # stamps of measurement
 
 
 def matches(path: Path) -> bool:
-    """Whether `path` begins like a CAN log."""
+    """True if `path` begins like a CAN log."""
     return path.is_file() and format_of(path) is not None
 
 

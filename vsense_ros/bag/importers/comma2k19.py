@@ -38,7 +38,7 @@ _FLIP = np.diag([1.0, -1.0, -1.0])  # forward, right, down ↔ forward, left, up
 
 
 def matches(path: Path) -> bool:
-    """Whether `path` is a segment, or a folder with one named `segment`."""
+    """True if `path` is a segment, or a folder with one named `segment`."""
     return any((folder / "processed_log").is_dir() for folder in (path, path / "segment"))
 
 

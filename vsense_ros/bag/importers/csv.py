@@ -18,7 +18,7 @@ LAST = True  # a text of a known format is known better by its own importer
 
 
 def matches(path: Path) -> bool:
-    """Whether `path` is named like a table of text."""
+    """True if `path` is named like a table of text."""
     return path.is_file() and path.suffix.lower() in (".csv", ".tsv", ".txt")
 
 

@@ -32,7 +32,7 @@ _RATE_SPAN = 0.1  # the yaw rate of the reference is the slope of psi over so lo
 
 
 def matches(path: Path) -> bool:
-    """Whether `path` is a .mat file with the signals of these laps."""
+    """True if `path` is a .mat file with the signals of these laps."""
     if path.suffix.lower() != ".mat" or not path.is_file():
         return False
     try:

@@ -29,7 +29,7 @@ _DAY = 86_400_000_000_000  # [ns]
 
 
 def matches(path: Path) -> bool:
-    """Whether `path` has sentences or frames of a receiver near its beginning."""
+    """True if `path` has sentences or frames of a receiver near its beginning."""
     if not path.is_file():
         return False
     with path.open("rb") as file:

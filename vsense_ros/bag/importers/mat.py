@@ -30,7 +30,7 @@ _DEEPEST = 8  # structures in structures
 
 
 def matches(path: Path) -> bool:
-    """Whether `path` is named like a MATLAB file."""
+    """True if `path` is named like a MATLAB file."""
     return path.is_file() and path.suffix.lower() == ".mat"
 
 

@@ -13,5 +13,5 @@ DESCRIPTION = "ROS 2 bag in MCAP"
 
 
 def matches(path: Path) -> bool:
-    """Whether `path` is an MCAP file, or a folder with one or with the metadata of a bag."""
+    """True if `path` is an MCAP file, or a folder with one or with the metadata of a bag."""
     return path.suffix == ".mcap" or (path / "metadata.yaml").exists() or any(path.glob("*.mcap"))

@@ -21,7 +21,7 @@ DESCRIPTION = "ASAM MDF measurement with a channel mapping (.mf4, .mdf, .dat)"
 
 
 def matches(path: Path) -> bool:
-    """Whether `path` begins like an MDF file."""
+    """True if `path` begins like an MDF file."""
     if not path.is_file():
         return False
     with path.open("rb") as file:

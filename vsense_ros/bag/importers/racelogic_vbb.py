@@ -54,7 +54,7 @@ class _File:
 
 
 def matches(path: Path) -> bool:
-    """Whether `path` begins like a VBB file."""
+    """True if `path` begins like a VBB file."""
     if not path.is_file():
         return False
     with path.open("rb") as file:
@@ -136,7 +136,7 @@ def _midnight(file: _File, seconds: Array) -> int:
 
 
 def _counts_west(latitude: Array, longitude: Array, east_speed: Array, seconds: Array) -> bool:
-    """Whether longitude falls while the heading says east."""
+    """True if longitude falls while the heading says east."""
     east = np.gradient(longitude, seconds) * np.cos(np.radians(latitude))
     return float(np.dot(east, east_speed)) < 0.0
 

@@ -37,7 +37,7 @@ _LONGEST_HEAD = 1 << 20  # [byte]
 
 
 def matches(path: Path) -> bool:
-    """Whether `path` has the sections of a VBO file."""
+    """True if `path` has the sections of a VBO file."""
     if not path.is_file():
         return False
     with path.open("rb") as file:

@@ -26,7 +26,7 @@ _DATES = ("%A, %B %d, %Y", "%a, %b %d, %Y", "%d/%m/%Y", "%Y-%m-%d", "%d.%m.%Y")
 
 
 def matches(path: Path) -> bool:
-    """Whether `path` begins like a CSV of one of these."""
+    """True if `path` begins like a CSV of one of these."""
     return path.is_file() and _kind(path) is not None
 
 

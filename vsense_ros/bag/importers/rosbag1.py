@@ -17,7 +17,7 @@ _MAGIC = b"#ROSBAG"
 
 
 def matches(path: Path) -> bool:
-    """Whether `path` begins like a ROS 1 bag, or is named like one."""
+    """True if `path` begins like a ROS 1 bag, or is named like one."""
     if not path.is_file():
         return False
     with path.open("rb") as file:

@@ -28,7 +28,7 @@ _LEAST_BOUND = 1 << 28  # … this many bytes in any case
 
 
 def matches(path: Path) -> bool:
-    """Whether `path` is a file of SQLite, or a folder with such bags or compressed ones."""
+    """True if `path` is a file of SQLite, or a folder with such bags or compressed ones."""
     if path.is_file():
         if path.name.endswith(_ENDINGS):
             return True

@@ -205,7 +205,7 @@ class _Lines:
         )
 
     def _is_units(self, cells: list[str]) -> bool:
-        """Whether the line below the header tells units: no number in it, and a unit that is known."""
+        """True if the line below the header has units: no number in it, and a unit that is known."""
         if self.wanted.units_line is not None:
             return self.wanted.units_line
         filled = [cell.strip() for cell in cells if cell.strip() not in _MISSING]
