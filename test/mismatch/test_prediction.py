@@ -9,7 +9,7 @@ from hidden import driven, having, prototype
 from vsense_ros.mismatch.driving import turning
 from vsense_ros.mismatch.residuals import Residuals
 from vsense_ros.mismatch.simulation import Predictor
-from vsense_ros.mismatch.windows import RUN_IN, build_dataset
+from vsense_ros.mismatch.windows import WINDOWS, build_dataset
 
 HEATING = {"front": 0.01, "rear": 0.01}
 
@@ -34,7 +34,7 @@ def test_tyres_cool_where_nothing_is_driven():
     effect = hot.physics.effects.tyre_heating
     assert effect.relaxed(np.full(4, 50.0), 0.0) == pytest.approx(50.0)
     assert effect.relaxed(np.full(4, 50.0), effect.cooling_time) == pytest.approx(50.0 / np.e)
-    assert 0.1 * effect.cooling_time > RUN_IN
+    assert 0.1 * effect.cooling_time > WINDOWS.run_in
 
 
 def test_a_window_that_begins_in_a_bend_begins_with_about_the_side_slip_and_the_wheel_speeds_of_one():

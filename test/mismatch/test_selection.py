@@ -6,7 +6,7 @@ import pytest
 
 from hidden import driven, prototype, unheard
 from vsense_ros.mismatch.selection import most_telling
-from vsense_ros.mismatch.windows import RUN_IN, build_dataset
+from vsense_ros.mismatch.windows import WINDOWS, build_dataset
 
 
 @pytest.fixture(scope="module")
@@ -21,7 +21,7 @@ def test_of_a_long_dull_drive_the_manoeuvres_are_looked_at(dull_drive_with_two_m
     dataset = dull_drive_with_two_manoeuvres
     chosen = most_telling(dataset, duration)
     assert {"sweep", "brake"} <= {window.name for window in chosen.windows}
-    assert sum(w.end - w.begin - RUN_IN for w in chosen.windows) <= duration
+    assert sum(w.end - w.begin - WINDOWS.run_in for w in chosen.windows) <= duration
     assert len(chosen.windows) == duration // 10.4
     assert [w for w in dataset.windows if w in chosen.windows] == list(chosen.windows)
     assert "of 1 min" in chosen.remarks[-1]

@@ -141,7 +141,7 @@ def information_in(path: Path) -> dict[str, Any] | None:
     if not path.is_file():
         return None
     with path.open("rb") as file:
-        document = parsed(file.read(yaml_text.LARGEST_TEXT).decode("utf-8", errors="replace"))
+        document = parsed(file.read(yaml_text.LIMITS.largest_text).decode("utf-8", errors="replace"))
     information = document.get("rosbag2_bagfile_information") if isinstance(document, dict) else None
     return information if isinstance(information, dict) else None
 
@@ -149,7 +149,7 @@ def information_in(path: Path) -> dict[str, Any] | None:
 def parsed(text: str) -> object:
     """The content of a text of metadata without the qualities of service of its topics, which are most of it; None
     where it is no YAML, or longer than anybody writes."""
-    if len(text) > yaml_text.LARGEST_TEXT:
+    if len(text) > yaml_text.LIMITS.largest_text:
         return None
     try:
         return yaml_text.load(_TOPICS_BLOCK.sub("", text, count=1), FILE_NAME)

@@ -18,9 +18,18 @@ from vsense_ros.messages.memory import give_back
 from vsense_ros.messages.recording import FIELDS, Recording
 
 _ZSTD = b"\x28\xb5\x2f\xfd"  # the first bytes of what zstd has packed
-_LARGEST_MESSAGE = 1 << 20  # [byte] of those that rosbag2 has compressed one by one
-_MOST_FILES = 100_000  # of one bag
-_GIVEN_BACK = 128 << 20  # [byte] of freed memory after which the system gets it back
+
+
+@dataclass(frozen=True)
+class BagLimits:
+    """Bounds on what a bag may make its reader allocate: decisions of this project."""
+
+    largest_message: int = 1 << 20  # [byte] of those that rosbag2 has compressed one by one
+    most_files: int = 100_000  # of one bag
+    given_back: int = 128 << 20  # [byte] of freed memory after which the system gets it back
+
+
+LIMITS = BagLimits()
 
 
 @dataclass(frozen=True)
@@ -72,7 +81,7 @@ class _Topic:
             rows[end - len(block) : end] = block
             end, freed = end - len(block), freed + block.nbytes
             del block
-            if freed > _GIVEN_BACK or not blocks:
+            if freed > LIMITS.given_back or not blocks:
                 give_back()
                 freed = 0
         return TopicMessages(self.kind, rows, times)
@@ -136,7 +145,7 @@ def _without_compression(piece: tuple[Payloads, Times]) -> tuple[Payloads, Times
     unpacked = []
     for payload in payloads:
         try:
-            unpacked.append(unpacked_zstd(bytes(payload), _LARGEST_MESSAGE))
+            unpacked.append(unpacked_zstd(bytes(payload), LIMITS.largest_message))
         except zstandard.ZstdError:
             unpacked.append(b"")
     return unpacked, times
@@ -241,7 +250,7 @@ def _named_files(path: Path, information: Mapping[str, object], bag: _Bag, prese
     """The files that `metadata.yaml` names, else those that are `present`; raises `InputError` if there is none."""
     named = information.get("relative_file_paths")
     files, missing = [], []
-    for name in map(str, named[:_MOST_FILES] if isinstance(named, list) else []):
+    for name in map(str, named[: LIMITS.most_files] if isinstance(named, list) else []):
         file = path / name
         if not file.resolve().is_relative_to(path.resolve()):
             bag.notes.append(f"metadata.yaml names {name!r}, which is outside of the bag: left out")

@@ -11,9 +11,18 @@ from cantools.database import Database
 
 from vsense_ros.errors import InputError
 
-_LARGEST = 64 * 2**20  # [byte] of a file that is read at all
-_MOST_BITS = 64  # of a signal
-_MOST_BYTES = 4096  # of a message; those of J1939 have up to 1785
+
+@dataclass(frozen=True)
+class DatabaseLimits:
+    """Bounds on a database of CAN messages: decisions of this project."""
+
+    largest: int = 64 * 2**20  # [byte] of a file that is read at all
+    most_bits: int = 64  # of a signal
+    most_bytes: int = 4096  # of a message; those of J1939 have up to 1785
+
+
+LIMITS = DatabaseLimits()
+
 _EXTENDED = 0x8000_0000  # marks identifiers of 29 bits in a DBC
 _INDEPENDENT = "VECTOR__INDEPENDENT_SIG_MSG"  # message that holds signals of no message
 
@@ -42,8 +51,8 @@ def read_database(path: str | Path) -> CanDatabase:
     path = Path(path)
     if not path.is_file():
         raise InputError(f"{path}: no such file; expected a CAN database (.dbc, .arxml, .kcd, .sym)")
-    if path.stat().st_size > _LARGEST:
-        raise InputError(f"{path}: {path.stat().st_size} bytes, which is no CAN database (at most {_LARGEST})")
+    if path.stat().st_size > LIMITS.largest:
+        raise InputError(f"{path}: {path.stat().st_size} bytes, which is no CAN database (at most {LIMITS.largest})")
     try:
         if path.suffix.lower() == ".dbc":
             return _read_dbc(path)
@@ -63,8 +72,8 @@ def _read_dbc(path: Path) -> CanDatabase:
         text = data.decode("cp1252", errors="replace")
     text = text.replace("\r\n", "\n").replace("\r", "\n")
     blocks = list(_BLOCK.finditer(text))
-    bounded = all(int(b[3]) <= _MOST_BYTES for b in blocks) and all(
-        int(s[3]) <= _MOST_BITS for s in _SIGNAL.finditer(text)
+    bounded = all(int(b[3]) <= LIMITS.most_bytes for b in blocks) and all(
+        int(s[3]) <= LIMITS.most_bits for s in _SIGNAL.finditer(text)
     )
     why = "a signal or a message is larger than any can be"
     if bounded:
@@ -110,9 +119,9 @@ def _mend(text: str, blocks: list[re.Match[str]]) -> CanDatabase:
         if name in seen:
             notes.append(f"line {line}: message {name} stands twice; the first is used")
             continue
-        if not _NAME.fullmatch(name) or size > _MOST_BYTES:
+        if not _NAME.fullmatch(name) or size > LIMITS.most_bytes:
             notes.append(
-                f"line {line}: message {name} left out: " + ("its name" if size <= _MOST_BYTES else "its size")
+                f"line {line}: message {name} left out: " + ("its name" if size <= LIMITS.most_bytes else "its size")
             )
             continue
         number = identifier
@@ -149,7 +158,7 @@ def _intact(head: str, rows: list[tuple[int, str]], more: list[str], name: str, 
     """A message with those of its signals that can be read, and behind a NUL the statements about them."""
 
     def can_be_read(lines: list[str], statements: list[str]) -> bool:
-        if any(int(s[3]) > _MOST_BITS for s in _SIGNAL.finditer("\n".join(lines))):
+        if any(int(s[3]) > LIMITS.most_bits for s in _SIGNAL.finditer("\n".join(lines))):
             return False
         try:
             _load(_PREFIX + head + "\n".join(lines) + "\n\n" + "\n".join(statements) + "\n")

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,12 +13,22 @@ Array = NDArray[np.float64]
 
 FIX = "gps/fix"
 METRES = 111_200.0  # per degree of latitude
-STEP = 2.0  # [m] between the places that are looked at
-MOVED = 20.0  # [m] from the first fix to where a lap begins, so that the car has a direction
-NEAR = 15.0  # [m] beside the place where a lap begins
+
+
+@dataclass(frozen=True)
+class LapSettings:
+    """How laps are recognised in positions: decisions of this project."""
+
+    step: float = 2.0  # [m] between the places that are looked at
+    moved: float = 20.0  # [m] from the first fix to where a lap begins, so that the car has a direction
+    near: float = 15.0  # [m] beside the place where a lap begins
+    shortest: float = 150.0  # [m] of a lap
+    least: float = 0.7  # [-] of the longest lap, below which the last one is not complete
+
+
+SETTINGS = LapSettings()
+
 SAME_WAY = np.cos(0.6)  # of the directions there
-SHORTEST = 150.0  # [m] of a lap
-LEAST = 0.7  # of the longest lap, below which the last one is no whole one
 
 
 def laps(recording: Recording) -> list[Recording]:
@@ -41,7 +51,7 @@ def laps(recording: Recording) -> list[Recording]:
         return [recording]
     limits = [float(t[i]) for i in begins]
     lengths = np.diff([*limits, float(t[-1])])
-    count = len(limits) if lengths[-1] > LEAST * lengths[:-1].max() else len(limits) - 1
+    count = len(limits) if lengths[-1] > SETTINGS.least * lengths[:-1].max() else len(limits) - 1
     ends = [*limits[1:], float(t[-1])]
     return [
         replace(recording.between(begin, end), name=f"{recording.name} lap {number}")
@@ -50,28 +60,28 @@ def laps(recording: Recording) -> list[Recording]:
 
 
 def _by_way(seconds: Array, place: Array) -> tuple[Array, Array, Array]:
-    """Times and places (n, 2) every `STEP` of the way, from its smoothed course."""
+    """Times and places (n, 2) every `SETTINGS.step` of the way, from its smoothed course."""
     moved = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(place, axis=0).T))])
     apart = np.concatenate([[True], np.diff(moved) > 1e-6])
-    at = np.arange(0.0, moved[-1], STEP)
+    at = np.arange(0.0, moved[-1], SETTINGS.step)
     return tuple(np.interp(at, moved[apart], v[apart]) for v in (seconds, place[:, 0], place[:, 1]))  # type: ignore[return-value]
 
 
 def _passes(x: Array, y: Array) -> list[int]:
     """Where the car comes by the place of the beginning, each time at its nearest."""
-    first, ahead = round(MOVED / STEP), round(10.0 / STEP)
-    if len(x) < first + ahead + round(SHORTEST / STEP):
+    first, ahead = round(SETTINGS.moved / SETTINGS.step), round(10.0 / SETTINGS.step)
+    if len(x) < first + ahead + round(SETTINGS.shortest / SETTINGS.step):
         return []
     course = np.arctan2(np.gradient(y, 5.0), np.gradient(x, 5.0))
     way = np.array([x[first + ahead] - x[first], y[first + ahead] - y[first]])
     along = np.cos(course - np.arctan2(way[1], way[0]))
     off = np.hypot(x - x[first], y - y[first])
-    there = (off < NEAR) & (along > SAME_WAY)
+    there = (off < SETTINGS.near) & (along > SAME_WAY)
     found = [first]
     while True:
-        later = np.flatnonzero(there[found[-1] + round(SHORTEST / STEP) :])
+        later = np.flatnonzero(there[found[-1] + round(SETTINGS.shortest / SETTINGS.step) :])
         if not len(later):
             return found
-        begin = found[-1] + round(SHORTEST / STEP) + int(later[0])
-        end = begin + round(2 * NEAR / STEP)
+        begin = found[-1] + round(SETTINGS.shortest / SETTINGS.step) + int(later[0])
+        end = begin + round(2 * SETTINGS.near / SETTINGS.step)
         found.append(begin + int(np.argmin(off[begin:end])))

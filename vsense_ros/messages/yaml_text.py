@@ -7,6 +7,7 @@ at in the events of the parser, which are as many as the text is long.
 from __future__ import annotations
 
 import re
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -16,16 +17,25 @@ from ruamel.yaml.events import AliasEvent, CollectionEndEvent, CollectionStartEv
 
 from vsense_ros.errors import InputError
 
-LARGEST_TEXT = 4 << 20  # [byte]
-DEEPEST = 60  # levels
-MOST_NODES = 200_000  # with each alias counted as what it stands for
-LONGEST_NUMBER = 100  # characters
+
+@dataclass(frozen=True)
+class YamlLimits:
+    """Bounds on what a YAML file may make its reader allocate: decisions of this project."""
+
+    largest_text: int = 4 << 20  # [byte]
+    deepest: int = 60  # levels
+    most_nodes: int = 200_000  # with each alias counted as what it stands for
+    longest_number: int = 100  # characters
+
+
+LIMITS = YamlLimits()
+
 
 _INDENT = re.compile(r"^[ \-?]*", re.MULTILINE)
-_LONG_NUMBER = re.compile(rf"[-+0-9_.:xobXOBa-fA-F]{{{LONGEST_NUMBER + 1},}}")
+_LONG_NUMBER = re.compile(rf"[-+0-9_.:xobXOBa-fA-F]{{{LIMITS.longest_number + 1},}}")
 
 
-def read_text(path: str | Path, largest: int = LARGEST_TEXT) -> str:
+def read_text(path: str | Path, largest: int = LIMITS.largest_text) -> str:
     """The text of a file of the user. Raises `InputError` for what is missing, no regular file, too long or no text."""
     path = Path(path)
     try:
@@ -64,8 +74,10 @@ def load(text: str, where: str) -> Any:
 
 def check(text: str, where: str) -> None:
     """Raise `InputError` for a text that would be too much to load, whatever loads it."""
-    if len(text) > LARGEST_TEXT:
-        raise InputError(f"{where}: longer than {LARGEST_TEXT >> 20} MiB; expected a YAML file that people write")
+    if len(text) > LIMITS.largest_text:
+        raise InputError(
+            f"{where}: longer than {LIMITS.largest_text >> 20} MiB; expected a YAML file that people write"
+        )
     if "&" not in text and _shallow(text) and not _LONG_NUMBER.search(text):
         return
     try:
@@ -73,7 +85,7 @@ def check(text: str, where: str) -> None:
     except YAMLError as error:
         raise InputError(f"{where}{_place(error)}: not valid YAML: {_problem(error)}") from None
     except RecursionError:
-        raise InputError(f"{where}: nested more than {DEEPEST} levels deep") from None
+        raise InputError(f"{where}: nested more than {LIMITS.deepest} levels deep") from None
 
 
 def _measure(text: str, where: str) -> None:
@@ -85,8 +97,8 @@ def _measure(text: str, where: str) -> None:
         line = event.start_mark.line + 1 if event.start_mark else 0
         if isinstance(event, CollectionStartEvent):
             open_.append((event.anchor, total))
-            if len(open_) > DEEPEST:
-                raise InputError(f"{where}:{line}: nested more than {DEEPEST} levels deep")
+            if len(open_) > LIMITS.deepest:
+                raise InputError(f"{where}:{line}: nested more than {LIMITS.deepest} levels deep")
             total += 1
         elif isinstance(event, CollectionEndEvent):
             anchor, before = open_.pop()
@@ -102,8 +114,8 @@ def _measure(text: str, where: str) -> None:
                 sizes[event.anchor] = 1
             if event.implicit[0] and _LONG_NUMBER.fullmatch(event.value):
                 raise InputError(f"{where}:{line}: a number of {len(event.value)} characters")
-        if total > MOST_NODES:
-            raise InputError(f"{where}:{line}: stands for more than {MOST_NODES} values, aliases spelt out")
+        if total > LIMITS.most_nodes:
+            raise InputError(f"{where}:{line}: stands for more than {LIMITS.most_nodes} values, aliases spelt out")
 
 
 def _shallow(text: str) -> bool:
@@ -111,9 +123,9 @@ def _shallow(text: str) -> bool:
     depth = 0
     for character in re.findall(r"[\[\]{}]", text):
         depth += 1 if character in "[{" else -1
-        if depth > DEEPEST // 2:
+        if depth > LIMITS.deepest // 2:
             return False
-    return max(map(len, _INDENT.findall(text)), default=0) <= DEEPEST
+    return max(map(len, _INDENT.findall(text)), default=0) <= LIMITS.deepest
 
 
 def _place(error: YAMLError) -> str:

@@ -11,6 +11,7 @@ accelerometers of an inertial sensor apart, as they may come by different ways.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from itertools import combinations
 
 import numpy as np
@@ -19,7 +20,7 @@ from numpy.typing import NDArray
 from vsense_ros.checks.aligned import means_around
 from vsense_ros.checks.blame import who_is_wrong
 from vsense_ros.checks.lags import LONG_LAGS, match
-from vsense_ros.mismatch.windows import SLOWEST, Dataset, Readings, Window
+from vsense_ros.mismatch.windows import WINDOWS, Dataset, Readings, Window
 from vsense_ros.model.effects import EVERY
 from vsense_ros.model.effects.base import bounds
 from vsense_ros.model.sensors import SensorBase, Tells, telling
@@ -28,15 +29,25 @@ from vsense_ros.model.vehicle import Vehicle
 
 Array = NDArray[np.float64]
 
-STEP = 0.05  # [s] between the values that are compared
-SPAN = 0.3  # [s] of the means
-LATE = 0.3  # [s] from where on a sensor is late: below it a fit finds how much, and cars take as long to respond
-AGREED = 0.25  # [s] within which recordings, and groups of a sensor, are equally late
-ALIKE = 0.7  # correlation of what tells one motion, at least, at the best lag …
-BETTER = 0.15  # … and how much more that is than without a lag, …
-CLEAR = 0.05  # … and than at any other lag: a slalom looks the same one period later
-LEAST = 8.0  # [s] that are compared
-TURNING, PUSHING = 0.02, 0.2  # [rad/s], [m/s²] that tell a lag, as standard deviations
+
+@dataclass(frozen=True)
+class LagSearchSettings:
+    """How the lags between sensors are sought, before any fit: decisions of this project."""
+
+    step: float = 0.05  # [s] between the values that are compared
+    span: float = 0.3  # [s] of the means
+    least_lag: float = 0.3  # [s] of a lag; a smaller one is left to the fit, and cars take as long to respond
+    agreement: float = 0.25  # [s] within which recordings, and groups of a sensor, are equally late
+    least_correlation: float = 0.7  # [-] of two measurements of one motion, at the best lag
+    correlation_gain: float = 0.15  # [-] by which that correlation exceeds the one without a lag
+    clearance: float = 0.05  # [-] by which it exceeds that at any other lag: a slalom looks the same one period later
+    least_compared: float = 8.0  # [s] that are compared
+    least_turning: float = 0.02  # [rad/s] standard deviation of a turning rate that shows a lag
+    least_acceleration: float = 0.2  # [m/s²] standard deviation of an acceleration that shows a lag
+
+
+LAG_SEARCH = LagSearchSettings()
+
 
 GROUPS, WHOLE = ("gyro", "accelerometer"), "imu"  # of an inertial sensor, which may be late apart or together
 Source = str  # of a motion: gyro, accelerometer, or the kind of a sensor
@@ -50,11 +61,11 @@ def ages(dataset: Dataset, vehicle: Vehicle) -> dict[str, float]:
     found = [_late(_lags(windows, dataset.sensors, vehicle)) for windows in dataset.by_recording()]
     result = {}
     for source, field in FIELDS.items():
-        told = [one[source] for one in found if source in one]
-        if told and max(map(abs, told)) >= LATE and np.ptp(told) < AGREED:
-            result[field] = round(float(np.median(told)), 2)
+        lags = [one[source] for one in found if source in one]
+        if lags and max(map(abs, lags)) >= LAG_SEARCH.least_lag and np.ptp(lags) < LAG_SEARCH.agreement:
+            result[field] = round(float(np.median(lags)), 2)
     groups = [FIELDS[group] for group in GROUPS]
-    if result.keys() >= set(groups) and np.ptp([result[group] for group in groups]) < AGREED:
+    if result.keys() >= set(groups) and np.ptp([result[group] for group in groups]) < LAG_SEARCH.agreement:
         result[FIELDS[WHOLE]] = round(float(np.mean([result.pop(group) for group in groups])), 2)
     info = DELAY.model_fields
     return {field: age for field, age in result.items() if bounds(info[field])[0] < age < bounds(info[field])[1]}
@@ -76,15 +87,20 @@ _Pairs = Mapping[tuple[Source, Source], float]  # by how much the first is the l
 def _lags(windows: Sequence[Window], sensors: Mapping[str, SensorBase], vehicle: Vehicle) -> _Pairs:
     """The lags between all sources that measure one motion well enough."""
     lags: dict[tuple[Source, Source], float] = {}
-    for signals, least in zip(_motions(windows, sensors, vehicle), (TURNING, PUSHING), strict=True):
+    for signals, least in zip(
+        _motions(windows, sensors, vehicle), (LAG_SEARCH.least_turning, LAG_SEARCH.least_acceleration), strict=True
+    ):
         moving = {source: v for source, v in signals.items() if np.nanstd(v, ddof=0) > least}
         for one, other in combinations(moving, 2):
-            found = match(moving[one], moving[other], STEP, LONG_LAGS)
-            if found is None or abs(found.best) < ALIKE:
+            found = match(moving[one], moving[other], LAG_SEARCH.step, LONG_LAGS)
+            if found is None or abs(found.best) < LAG_SEARCH.least_correlation:
                 continue
-            if abs(found.lag) < LATE:
+            if abs(found.lag) < LAG_SEARCH.least_lag:
                 lags.setdefault((one, other), 0.0)
-            elif found.clear > CLEAR and abs(found.correlation) < abs(found.best) - BETTER:
+            elif (
+                found.clear > LAG_SEARCH.clearance
+                and abs(found.correlation) < abs(found.best) - LAG_SEARCH.correlation_gain
+            ):
                 lags.setdefault((one, other), found.lag)
     return lags
 
@@ -112,12 +128,12 @@ def _motions(
     """Turning [rad/s] and gain of speed [m/s²] of one recording, by who tells them, at common times with gaps between
     the windows."""
     begin, end = min(w.begin for w in windows), max(w.end for w in windows)
-    t = np.arange(begin, end, STEP)
+    t = np.arange(begin, end, LAG_SEARCH.step)
     driven = np.zeros(len(t), dtype=bool)
     for window in windows:
         driven |= (t >= window.begin) & (t <= window.end)
     speed = _means(t, _joined([w.speed for w in windows]), 0)
-    fast = np.where(driven & (speed > SLOWEST), speed, np.nan)
+    fast = np.where(driven & (speed > WINDOWS.slowest), speed, np.nan)
     chassis = vehicle.physics.chassis
     wheelbase = chassis.cog_to_front_axle + chassis.cog_to_rear_axle
     radius = float(np.mean(rolling_radii(vehicle)))
@@ -140,11 +156,11 @@ def _motions(
     if (course := of("course")) is not None:
         east, north = (_means(t, course[2], axis) for axis in (0, 1))
         ahead = np.exp(1j * np.unwrap(np.nan_to_num(np.arctan2(north, east))))
-        turns[course[0]] = np.where(np.isfinite(east), np.gradient(np.unwrap(np.angle(ahead)), STEP), np.nan)
-        pushes[course[0]] = np.gradient(np.hypot(east, north), STEP)
+        turns[course[0]] = np.where(np.isfinite(east), np.gradient(np.unwrap(np.angle(ahead)), LAG_SEARCH.step), np.nan)
+        pushes[course[0]] = np.gradient(np.hypot(east, north), LAG_SEARCH.step)
     if (rolling := of("rolling speed")) is not None:
         value = Readings(rolling[2].t, rolling[1].mean_speed(rolling[2].value, radius)[:, None])
-        pushes[rolling[0]] = np.gradient(_means(t, value, 0), STEP)
+        pushes[rolling[0]] = np.gradient(_means(t, value, 0), LAG_SEARCH.step)
     if (torques := of("torques")) is not None:
         value = Readings(torques[2].t, torques[2].value.sum(axis=1, keepdims=True))
         pushes[torques[0]] = _means(t, value, 0) / (radius * chassis.mass)
@@ -152,7 +168,7 @@ def _motions(
     for signals in (turns, pushes):
         for source in list(signals):
             signals[source] = np.where(hidden, np.nan, signals[source])
-            if np.isfinite(signals[source]).sum() < LEAST / STEP:
+            if np.isfinite(signals[source]).sum() < LAG_SEARCH.least_compared / LAG_SEARCH.step:
                 del signals[source]
     return turns, pushes
 
@@ -166,5 +182,5 @@ def _joined(parts: Sequence[Readings]) -> Readings:
 
 
 def _means(at: Array, readings: Readings, column: int) -> Array:
-    """Means of a component over `SPAN` seconds around times; NaN where there is nothing."""
-    return means_around(at, readings.t, readings.value[:, column], SPAN)
+    """Means of a component over `LAG_SEARCH.span` seconds around times; NaN where there is nothing."""
+    return means_around(at, readings.t, readings.value[:, column], LAG_SEARCH.span)

@@ -26,7 +26,7 @@ from vsense_ros.checks.setting import JUDGEMENT, setting
 from vsense_ros.checks.subject import Subject
 from vsense_ros.identify.least_squares import DEFAULT, Fit, prior_weight, solve
 from vsense_ros.messages.recording import Recording
-from vsense_ros.mismatch.ages import ALIKE, BETTER, CLEAR, LATE
+from vsense_ros.mismatch.ages import LAG_SEARCH
 from vsense_ros.mismatch.candidates import BASE
 from vsense_ros.mismatch.residuals import Residuals
 from vsense_ros.mismatch.spoilt import readings_of, spoilt_stretches
@@ -296,7 +296,12 @@ def _unrelated(drive: _Drive, name: str) -> Iterator[str]:
             continue
         # The lag comes before sign and scale: what is a second late goes along with nothing.
         late = match(found, expected, SETTINGS.smooth / 2, LONG_LAGS)
-        if late is not None and abs(late.lag) >= LATE and late.clear > CLEAR and late.best > max(ALIKE, alike + BETTER):
+        if (
+            late is not None
+            and abs(late.lag) >= LAG_SEARCH.least_lag
+            and late.clear > LAG_SEARCH.clearance
+            and late.best > max(LAG_SEARCH.least_correlation, alike + LAG_SEARCH.correlation_gain)
+        ):
             side = "behind" if late.lag > 0 else "ahead of"
             yield f"in {name} the {what} lies {abs(late.lag):.1f} s {side} {other}; which of the clocks is wrong?"
         elif alike < SETTINGS.opposite:

@@ -38,7 +38,7 @@ from vsense_ros.mismatch.effect_parameters import parameters_of
 from vsense_ros.mismatch.page import PAGE, write_next_test
 from vsense_ros.mismatch.residuals import Residuals
 from vsense_ros.mismatch.simulation import Predictor
-from vsense_ros.mismatch.windows import RUN_IN, Dataset, build_dataset
+from vsense_ros.mismatch.windows import WINDOWS, Dataset, build_dataset
 from vsense_ros.mismatch.words import label
 from vsense_ros.model.coordinates import YAW
 from vsense_ros.model.effects import BY_ID, Effect
@@ -335,7 +335,7 @@ def _steered_truly(dataset: Dataset, motion: Trajectory) -> Dataset:
 def _with_run_up(car: Vehicle, test: Option) -> Trajectory:
     """The drive after a straight run that is as long as the beginning of a window that is not compared."""
     motion = drive(test.manoeuvre.name, car)
-    count = round((RUN_IN + 0.5) * 1e3)
+    count = round((WINDOWS.run_in + 0.5) * 1e3)
     q, u = rolling_straight(car, test.manoeuvre.speed)
     run = Trajectory.unfilled(np.linspace(0.0, count * 1e-3, count, endpoint=False))
     run.q[:], run.u[:], run.udot[:], run.wheels[:], run.inputs[:] = q, u, 0.0, motion.wheels[0], 0.0

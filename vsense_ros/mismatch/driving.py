@@ -14,7 +14,7 @@ from vsense_ros.identify.parameter_set import ParameterSet
 from vsense_ros.mismatch.candidates import TORQUE_SHARES
 from vsense_ros.mismatch.prediction_settings import PREDICTION, middle_of_steps
 from vsense_ros.mismatch.road_in_windows import RoadInWindow
-from vsense_ros.mismatch.windows import HOLDING_TIME, INPUTS, RUN_IN, SLOWEST, SPEEDS, Dataset
+from vsense_ros.mismatch.windows import INPUTS, SPEEDS, WINDOWS, Dataset
 from vsense_ros.model.constants import GRAVITY
 from vsense_ros.model.coordinates import INPUTS as INPUT_NAMES
 from vsense_ros.model.coordinates import SPIN, STEERING, TORQUES, YAW, Y
@@ -78,13 +78,13 @@ class Drives:
             at = middle + torques_late
             for wheel, torque in enumerate(torques.value[known].T, TORQUES.start):
                 inputs[:, wheel] = np.interp(at, torques.t[known], torque)
-            inertia[middle > window.begin + RUN_IN - 0.5] = 0.0
+            inertia[middle > window.begin + WINDOWS.run_in - 0.5] = 0.0
         else:
             inertia *= 2 * _of_each_wheel(acceleration, *way.shares)
             inputs[:, TORQUES] = inertia / self.radius * acceleration[:, None]
         q, u = turning(self.vehicle, float(speed[0]), window.yaw_rate)
         q[YAW] += window.heading
-        target, gain = speed / self.radius, inertia / HOLDING_TIME
+        target, gain = speed / self.radius, inertia / WINDOWS.holding_time
         return Run(q, u, Inputs(PREDICTION.step, inputs, way.around, way.varying, target, gain), way.parameters, memory)
 
     @cached_property
@@ -140,7 +140,9 @@ def _of_the_car(rolling: Array) -> Array:
     """Acceleration [m/s²] of a car that follows its wheels, which roll at these speeds (n,) [m/s], by their slip."""
     speed, found = rolling[0], np.zeros(len(rolling))
     for i, wheels in enumerate(rolling):
-        found[i] = (wheels - speed) / (PREDICTION.step + max(speed, SLOWEST) / (PREDICTION.slip_stiffness * GRAVITY))
+        found[i] = (wheels - speed) / (
+            PREDICTION.step + max(speed, WINDOWS.slowest) / (PREDICTION.slip_stiffness * GRAVITY)
+        )
         speed += found[i] * PREDICTION.step
     return found
 

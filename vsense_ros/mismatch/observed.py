@@ -38,16 +38,27 @@ from vsense_ros.runner.innovations import innovations
 
 Array = NDArray[np.float64]
 
-TUNED_ON = 150.0  # [s] of what was fitted, from which noise levels are found: more tells hardly more of a dozen numbers
-JUDGED_ON = 900.0  # [s] of what was held out
-ITERATIONS = 3  # of that search: beyond them levels change by less than they matter
+
+@dataclass(frozen=True)
+class ObserverComparisonSettings:
+    """How the observer is compared with and without the effects of an answer: decisions of this project."""
+
+    # [s] of what was fitted, from which noise levels are found: more tells hardly more of a dozen numbers
+    tuned_on: float = 150.0
+    judged_on: float = 900.0  # [s] of what was held out
+    iterations: int = 3  # of that search: beyond them levels change by less than they matter
+    noteworthy: float = 0.003  # [nat] per message by which likelihoods differ for more than rounding
+    worse: float = 1.05  # of an error against the reference, from where on it has grown
+    # steps of Newton's method to the mounting of a reference, which is linear but for a small angle
+    mounting_steps: int = 3
+
+
+COMPARISON = ObserverComparisonSettings()
+
 BODY = ("vertical", "roll", "pitch", "suspension")  # force errors that change together
 ALONG = ("longitudinal", "wheel_spin", "grade", "grade_change")  # what acts along the car
-NOTEWORTHY = 0.003  # [nat] per message by which likelihoods differ for more than rounding
-WORSE = 1.05  # of an error against the reference, from where on it has grown
 TOLD = ("side_slip", "lateral_velocity", "yaw_rate", "roll", "pitch", "speed")  # signals of which errors are told
 PROVING = ("side_slip", "lateral_velocity")  # those for which observers are run
-TURNS = 3  # steps of Newton's method to the mounting of a reference, which is linear but for a small angle
 CONSTANT = ("roll", "pitch")  # whose constant the mounting of a reference shifts
 
 
@@ -65,7 +76,7 @@ def comparison(
     `dataset` says which stretches of the recordings were fitted. Raises `InputError` where the observer does not start.
     """
     pieces = _pieces(recordings, dataset)
-    judged = [one.between(None, JUDGED_ON / len(held_out)) for one in held_out] or pieces
+    judged = [one.between(None, COMPARISON.judged_on / len(held_out)) for one in held_out] or pieces
     tuned = {}
     for name, car in (("retuned", vehicle), ("extended", extended)):
         tuned[name] = with_fitting_noise(car, pieces, progress)
@@ -119,7 +130,7 @@ def with_fitting_noise(
             progress()
         return found
 
-    offsets, _ = maximise(evaluate, free_parameters, iterations=ITERATIONS)
+    offsets, _ = maximise(evaluate, free_parameters, iterations=COMPARISON.iterations)
     tuned = with_values(known, with_offsets(nominal, free_parameters, offsets), NOISE.digits)
     return tuned.model_copy(update={"observer": tuned.observer.model_copy(update={"parameters": estimating})})
 
@@ -150,7 +161,9 @@ def _pieces(recordings: Sequence[Recording], dataset: Dataset) -> list[Recording
     """A stretch of each recording that was fitted, from the beginning of its first window on."""
     fitted = [windows[0] for windows in dataset.by_recording()]
     return [
-        recordings[window.recording].between(begin := max(0.0, window.begin - 5.0), begin + TUNED_ON / len(fitted))
+        recordings[window.recording].between(
+            begin := max(0.0, window.begin - 5.0), begin + COMPARISON.tuned_on / len(fitted)
+        )
         for window in fitted
     ]
 
@@ -266,7 +279,7 @@ def fitted_place(
         return None
     x, y, r, true_x, true_y = np.concatenate(parts, axis=1)
     place, zero = np.zeros(3), np.zeros_like(r)
-    for _ in range(TURNS):
+    for _ in range(COMPARISON.mounting_steps):
         # The velocity v + ω × position, in axes that are turned by what is known of the yaw.
         cos, sin = np.cos(place[2]), np.sin(place[2])
         there_x, there_y = cos * true_x - sin * true_y, sin * true_x + cos * true_y
@@ -282,13 +295,13 @@ def _judged(found: ObserverComparison) -> tuple[bool, str]:
     was, retuned, extended = found.as_it_was, found.retuned, found.extended
     on = "held-out recordings" if found.held_out else "the fitted recordings, as none was held out"
     gained, by_noise = (one.log_likelihood - was.log_likelihood for one in (extended, retuned))
-    rises = gained > NOTEWORTHY
-    by_model = gained - by_noise > NOTEWORTHY or _changed(extended, retuned) < 1 / WORSE
+    rises = gained > COMPARISON.noteworthy
+    by_model = gained - by_noise > COMPARISON.noteworthy or _changed(extended, retuned) < 1 / COMPARISON.worse
     grown = [
         name.replace("_", " ")
         for name in PROVING
         if name in extended.errors
-        and extended.errors[name].without_constant > WORSE * was.errors[name].without_constant
+        and extended.errors[name].without_constant > COMPARISON.worse * was.errors[name].without_constant
     ]
     told = (
         f"on {on} the log-likelihood per message changes by {_signed(gained)}; other noise levels alone change it by "

@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from vsense_ros.mismatch.windows import RUN_IN, Dataset, Readings, Window
+from vsense_ros.mismatch.windows import WINDOWS, Dataset, Readings, Window
 
 Array = NDArray[np.float64]
 
@@ -31,7 +31,7 @@ def most_telling(dataset: Dataset, duration: float) -> Dataset:
     those over which time, speed, steering and what follows from these vary most together (a D-optimal design of
     experiments, Wald 1943, greedily).
     """
-    lengths = [w.end - w.begin - RUN_IN for w in dataset.windows]
+    lengths = [w.end - w.begin - WINDOWS.run_in for w in dataset.windows]
     if sum(lengths) <= duration:
         return dataset
     steering = {name for name, sensor in dataset.sensors.items() if "steering" in sensor.tells}
@@ -67,7 +67,7 @@ def most_telling(dataset: Dataset, duration: float) -> Dataset:
 def _description(window: Window, steering: Readings) -> Array:
     """What tells without a model how a window differs from others, (instants, 7): the time since the recording began,
     speed, its square and its rate, steering angle, its rate, and angle times squared speed (lateral acceleration)."""
-    t = np.arange(window.begin + RUN_IN, window.end, SELECTION.sampling)
+    t = np.arange(window.begin + WINDOWS.run_in, window.end, SELECTION.sampling)
     known = np.isfinite(steering.value[:, 0])
     speed = np.interp(t, window.speed.t, window.speed.value[:, 0])
     angle = np.interp(t, steering.t[known], steering.value[known, 0])

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from scipy.integrate import cumulative_trapezoid
 from scipy.signal import butter, detrend, sosfiltfilt
 
-from vsense_ros.mismatch.windows import GRID, RUN_IN, Readings, Window
+from vsense_ros.mismatch.windows import WINDOWS, Readings, Window
 from vsense_ros.model.sensors import SensorBase, compared_signals, telling
 
 Array = NDArray[np.float64]
@@ -33,7 +33,7 @@ class SignalSettings:
 SIGNALS = SignalSettings()
 
 
-_FILTER = butter(2, SIGNALS.cut_off, fs=1 / GRID, output="sos")
+_FILTER = butter(2, SIGNALS.cut_off, fs=1 / WINDOWS.grid, output="sos")
 
 
 SHAKING = "vertical_acceleration"  # which says how much an uneven road shakes the body
@@ -41,8 +41,8 @@ SHAKING = "vertical_acceleration"  # which says how much an uneven road shakes t
 
 def grid(window: Window) -> Array:
     """Times at which the signals of a window are kept [s]."""
-    t = np.arange(window.begin, window.end, GRID)
-    inside = slice(round(RUN_IN / GRID), len(t) - round(SIGNALS.edge / GRID))
+    t = np.arange(window.begin, window.end, WINDOWS.grid)
+    inside = slice(round(WINDOWS.run_in / WINDOWS.grid), len(t) - round(SIGNALS.edge / WINDOWS.grid))
     return t[inside][:: SIGNALS.kept_every]
 
 
@@ -51,8 +51,8 @@ def signals(
 ) -> dict[str, Array]:
     """Signals of a window by name on its `grid`, from readings by sensor, measured or simulated; `radius` is a rolling
     radius [m], the same for both. Signals with gaps are left out."""
-    t = np.arange(window.begin, window.end, GRID)
-    inside = slice(round(RUN_IN / GRID), len(t) - round(SIGNALS.edge / GRID))
+    t = np.arange(window.begin, window.end, WINDOWS.grid)
+    inside = slice(round(WINDOWS.run_in / WINDOWS.grid), len(t) - round(SIGNALS.edge / WINDOWS.grid))
     found = {name: np.interp(t, at, value) for name, at, value in _made(window, readings, sensors, radius)}
     if not found:
         return {}

@@ -18,7 +18,7 @@ from vsense_ros.mismatch.effect_parameters import effect_of, parameters_of, with
 from vsense_ros.mismatch.prediction_settings import PREDICTION
 from vsense_ros.mismatch.road_in_windows import RoadsInWindows
 from vsense_ros.mismatch.signals import noise, signals
-from vsense_ros.mismatch.windows import SLOWEST, Dataset, Readings, Window
+from vsense_ros.mismatch.windows import WINDOWS, Dataset, Readings, Window
 from vsense_ros.model.car.car import Car, car_of
 from vsense_ros.model.car.kinematics import motion_of
 from vsense_ros.model.coordinates import SPIN, X, Y
@@ -103,7 +103,9 @@ class Predictor:
         lost = ~(np.abs(np.arctan2(motion.u[:, Y], motion.u[:, X])) < PREDICTION.spun)
         if not self._slipped[index]:
             rolling = motion.u[:, SPIN] * self.radius - motion.u[:, [X]]
-            lost |= np.any(np.abs(rolling) > PREDICTION.slipping_share * np.maximum(motion.u[:, [X]], SLOWEST), axis=1)
+            lost |= np.any(
+                np.abs(rolling) > PREDICTION.slipping_share * np.maximum(motion.u[:, [X]], WINDOWS.slowest), axis=1
+            )
         return begin + float(motion.t[np.argmax(lost)]) if lost.any() else np.inf
 
     @cached_property
@@ -117,7 +119,9 @@ class Predictor:
                     continue
                 speed = readings.value[np.isfinite(readings.value).all(axis=1)] * self.radius
                 usual = np.median(speed, axis=1, keepdims=True)
-                slips |= bool(np.any(np.abs(speed - usual) > PREDICTION.slipping_share * np.maximum(usual, SLOWEST)))
+                slips |= bool(
+                    np.any(np.abs(speed - usual) > PREDICTION.slipping_share * np.maximum(usual, WINDOWS.slowest))
+                )
             found.append(slips)
         return found
 

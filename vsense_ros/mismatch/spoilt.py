@@ -16,7 +16,7 @@ from scipy.integrate import cumulative_trapezoid
 from vsense_ros.checks.aligned import means_around, runs_of_equal_values, stretches
 from vsense_ros.checks.setting import JUDGEMENT, setting
 from vsense_ros.messages.recording import Recording
-from vsense_ros.mismatch.windows import SLOWEST, Dataset, Readings, Spoilt, Window, build_dataset
+from vsense_ros.mismatch.windows import WINDOWS, Dataset, Readings, Spoilt, Window, build_dataset
 from vsense_ros.model.sensors import Response, SensorBase, Tells, telling
 from vsense_ros.model.vehicle import Vehicle
 
@@ -220,7 +220,7 @@ def _spinning(windows: Sequence[Window], sensors: Mapping[str, SensorBase]) -> I
         velocity = readings_of(window, sensors, "course")
         if velocity is None:
             continue
-        moving = np.isfinite(velocity.value).all(axis=1) & (np.hypot(*velocity.value[:, :2].T) > SLOWEST)
+        moving = np.isfinite(velocity.value).all(axis=1) & (np.hypot(*velocity.value[:, :2].T) > WINDOWS.slowest)
         if moving.sum() < 2:
             continue
         at, (east, north) = velocity.t[moving], velocity.value[moving, :2].T

@@ -24,19 +24,29 @@ from vsense_ros.model.vehicle import Vehicle
 
 Array = NDArray[np.float64]
 
-SLOWEST = 4.0  # [m/s] below it slip angles say little and tyres creep
-LONGEST = 25.0  # [s] of a window
-SHORTEST = 6.0  # [s] of a window, run-in included
-BEGINNING = 0.1  # [s] to either side of the instant at which a window begins, of which a mean is taken
-RUN_IN = 2.5  # [s] at the beginning of a window that are not compared
-HOLDING_TIME = 0.15  # [s] in which a wheel torque pulls the model to the measured speed where torques are unknown
-SLOW = 0.05  # [s] from one speed to the next, from where on the accelerometer says what is between …
-CROSSOVER = 0.5  # [Hz] … above this
+
+@dataclass(frozen=True)
+class WindowSettings:
+    """How recordings are cut into windows that are simulated: decisions of this project."""
+
+    slowest: float = 4.0  # [m/s] below it slip angles say little and tyres creep
+    longest: float = 25.0  # [s] of a window
+    shortest: float = 6.0  # [s] of a window, run-in included
+    beginning: float = 0.1  # [s] to either side of the instant at which a window begins, of which a mean is taken
+    run_in: float = 2.5  # [s] at the beginning of a window that are not compared
+    # [s] in which a wheel torque pulls the model to the measured speed where torques are unknown
+    holding_time: float = 0.15
+    slow_period: float = 0.05  # [s] between two speeds; if it is longer, the accelerometer is used in between
+    crossover: float = 0.5  # [Hz] above which the accelerometer gives such a speed
+    grid: float = 0.01  # [s] of such a speed, and of signals before they are filtered
+    largest_gap: float = 0.5  # [s] without a message that a window may contain
+
+
+WINDOWS = WindowSettings()
+
 LEFT_OUT = "the recording is left out"
 SPEEDS: tuple[Tells, ...] = ("rolling speed", "ground speed")  # the best first
 INPUTS: tuple[Tells, ...] = ("steering", "torques")
-GRID = 0.01  # [s] of such a speed, and of signals before they are filtered
-LARGEST_GAP = 0.5  # [s] without a message that a window may contain
 
 
 @dataclass(frozen=True)
@@ -106,7 +116,7 @@ class Dataset:
     def points(self) -> list[float]:
         """Abscissae of the points that a profile of the road needs [m]."""
         places = (window.place for window in self.windows)
-        return points([np.interp(np.arange(p.t[0], p.t[-1], GRID), p.t, p.value[:, 0]) for p in places])
+        return points([np.interp(np.arange(p.t[0], p.t[-1], WINDOWS.grid), p.t, p.value[:, 0]) for p in places])
 
     def by_recording(self) -> list[list[Window]]:
         """Windows of each recording that has some."""
@@ -194,7 +204,10 @@ def build_dataset(
             )
         ]  # fmt: skip
         if not stretches:
-            remarks.append(f"{name}: nowhere {SHORTEST:g} s of driving above {SLOWEST:g} m/s without a gap; {LEFT_OUT}")
+            remarks.append(
+                f"{name}: nowhere {WINDOWS.shortest:g} s of driving above {WINDOWS.slowest:g} m/s without a gap; "
+                f"{LEFT_OUT}"
+            )
         windows += stretches
     return Dataset(tuple(windows), used, tuple(r.name for r in recordings), tuple(remarks), road, on_map, sets_out)
 
@@ -252,7 +265,7 @@ def _speed(readings: Mapping[str, Readings], sensors: Mapping[str, SensorBase], 
             continue
         speed = Readings(found.t[present], value[present, None])
         inertial = _of(readings, sensors, "rates and forces")
-        slow = what == "ground speed" and float(np.median(np.diff(speed.t))) > SLOW
+        slow = what == "ground speed" and float(np.median(np.diff(speed.t))) > WINDOWS.slow_period
         return _between(speed, inertial) if slow and inertial is not None else speed
     return None
 
@@ -264,11 +277,11 @@ def _between(speed: Readings, imu: Readings) -> Readings:
     if present.sum() < 2:
         return speed
     at, force = imu.t[present], imu.value[present, 3]
-    t = np.arange(max(speed.t[0], at[0]), min(speed.t[-1], at[-1]), GRID)
-    if len(t) < SHORTEST / GRID:
+    t = np.arange(max(speed.t[0], at[0]), min(speed.t[-1], at[-1]), WINDOWS.grid)
+    if len(t) < WINDOWS.shortest / WINDOWS.grid:
         return speed
     felt = cumulative_trapezoid(np.interp(t, at, force), t, initial=0)
-    lasting = butter(1, CROSSOVER, fs=1 / GRID, output="sos")
+    lasting = butter(1, WINDOWS.crossover, fs=1 / WINDOWS.grid, output="sos")
     rest = sosfiltfilt(lasting, np.interp(t, speed.t, speed.value[:, 0]) - felt)
     known = _told(t, speed.t) & _told(t, at)
     return Readings(t[known], (felt + rest)[known, None]) if known.sum() >= 2 else speed
@@ -280,7 +293,7 @@ def _headed(
     """Course over ground (n, 1) [rad], and whether that is the one on the map: without GNSS it is the heading, as if
     the recording set out eastwards."""
     if (velocity := _of(readings, sensors, "course")) is not None:
-        moving = np.isfinite(velocity.value).all(axis=1) & (np.hypot(*velocity.value[:, :2].T) > SLOWEST)
+        moving = np.isfinite(velocity.value).all(axis=1) & (np.hypot(*velocity.value[:, :2].T) > WINDOWS.slowest)
         if moving.sum() >= 2:
             course = np.unwrap(np.arctan2(velocity.value[moving, 1], velocity.value[moving, 0]))
             return Readings(velocity.t[moving], course[:, None]), True
@@ -295,7 +308,7 @@ def _headed(
 
 def _yaw_rate(imu: Readings, at: float) -> float:
     """Mean yaw rate [rad/s] about a time [s], of an inertial sensor in the axes of the car; zero if it is not known."""
-    near = imu.value[np.abs(imu.t - at) < BEGINNING, 2]
+    near = imu.value[np.abs(imu.t - at) < WINDOWS.beginning, 2]
     near = near[np.isfinite(near)]
     return float(near.mean()) if len(near) else 0.0
 
@@ -347,10 +360,10 @@ def _windows(
     torques = _of(readings, sensors, "torques") is not None
     needed = [speed, *(driving for driving in inputs if driving is not None)]
     for begin, end in _driving(speed, needed, spoilt):
-        parts = max(1, int(np.ceil((end - begin - RUN_IN) / (LONGEST - RUN_IN))))
-        length = (end - begin - RUN_IN) / parts
+        parts = max(1, int(np.ceil((end - begin - WINDOWS.run_in) / (WINDOWS.longest - WINDOWS.run_in))))
+        length = (end - begin - WINDOWS.run_in) / parts
         for part in range(parts):
-            first, last = begin + part * length, begin + (part + 1) * length + RUN_IN
+            first, last = begin + part * length, begin + (part + 1) * length + WINDOWS.run_in
             inside = {sensor: _cut(found, first - 1.0, last + 1.0) for sensor, found in readings.items()}
             inside = {sensor: found for sensor, found in inside.items() if len(found.t) >= 2}
             yield Window(
@@ -365,7 +378,7 @@ def _driving(
 ) -> Iterable[tuple[float, float]]:
     """Stretches above the slowest speed, outside of what is spoilt, in which no needed signal has a gap."""
     grid = np.arange(speed.t[0], speed.t[-1], 0.05)
-    good = np.interp(grid, speed.t, speed.value[:, 0]) > SLOWEST
+    good = np.interp(grid, speed.t, speed.value[:, 0]) > WINDOWS.slowest
     for found in needed:
         t = found.t[np.isfinite(found.value).all(axis=1)]
         if len(t) < 2:
@@ -375,14 +388,14 @@ def _driving(
         good &= (grid < first) | (grid > last)
     for row, behind in stretches(good):
         begin, end = float(grid[row]), float(grid[behind - 1])
-        if end - begin >= SHORTEST:
+        if end - begin >= WINDOWS.shortest:
             yield begin, end
 
 
 def _told(t: Array, times: Array) -> NDArray[np.bool_]:
     """Which of the times (n,) are not within a gap between messages at other `times` (m,) [s]."""
     told = np.ones(len(t), dtype=bool)
-    for gap in np.flatnonzero(np.diff(times) > LARGEST_GAP):
+    for gap in np.flatnonzero(np.diff(times) > WINDOWS.largest_gap):
         told &= (t <= times[gap]) | (t >= times[gap + 1])
     return told
 

@@ -12,6 +12,7 @@ import sys
 import threading
 import time
 import traceback
+from dataclasses import dataclass
 from typing import Any, Literal
 
 import can
@@ -30,11 +31,21 @@ from vsense_ros.node.reader import Reader
 from vsense_ros.node.time_base import Arrivals
 
 FRAMES, FRAME_KIND = "can/frames", "can_msgs/msg/Frame"
-_PATIENCE = 0.1  # [s] for which a read waits
-_CORRECTION = 50_000_000  # [ns]
-_RESOLUTION = 1_000  # [ns] of a Unix time as a float
-_FIRST_WAIT, _LONGEST_WAIT = 0.1, 1.0  # [s] between attempts to open
-_LOSS_HOLD = 2.0  # [s] for which a loss that is over colours the diagnostic
+
+
+@dataclass(frozen=True)
+class CanDriverSettings:
+    """How long the driver waits, and what it takes for a correction of a clock: decisions of this project."""
+
+    patience: float = 0.1  # [s] for which a read waits
+    correction: int = 50_000_000  # [ns]
+    resolution: int = 1_000  # [ns] of a Unix time as a float
+    first_wait: float = 0.1  # [s] between attempts to open
+    longest_wait: float = 1.0  # [s] between attempts to open
+    loss_hold: float = 2.0  # [s] for which a loss that is over colours the diagnostic
+
+
+SETTINGS = CanDriverSettings()
 
 
 class CanDriverParameters(NodeParameters):
@@ -149,13 +160,13 @@ class CanDriver(SensingNode[CanDriverParameters]):
             bus.shutdown()
 
     def _run(self) -> None:
-        wait = _FIRST_WAIT
+        wait = SETTINGS.first_wait
         while not self._end.is_set():
             try:
                 self._take(time.time_ns())
                 if self._bus is None:
                     self._bus = self._open()
-                wait = _FIRST_WAIT
+                wait = SETTINGS.first_wait
                 self._read(self._bus)
             except Exception as error:  # of whatever kind: without this thread nothing is received any more
                 problem = str(error)
@@ -170,12 +181,12 @@ class CanDriver(SensingNode[CanDriverParameters]):
                 with contextlib.suppress(Exception):  # what is broken may not close in good order
                     self._shut()
                 self._end.wait(wait)
-                wait = min(2.0 * wait, _LONGEST_WAIT)
+                wait = min(2.0 * wait, SETTINGS.longest_wait)
 
     def _read(self, bus: can.BusABC) -> None:
         while not self._end.is_set():
             try:
-                frame = bus.recv(_PATIENCE)
+                frame = bus.recv(SETTINGS.patience)
             except (ValueError, IndexError):  # slcan: a line with a wrong digit, or one that ends too early
                 at = self.time_base.now()
                 if at is not None:
@@ -195,8 +206,8 @@ class CanDriver(SensingNode[CanDriverParameters]):
 
     def _feed(self, frame: can.Message, received: int) -> None:
         # Frames come in order, also where the mapping to a replay's time has just been corrected backwards.
-        if 0 <= self._last_arrival - received < _CORRECTION:
-            received = self._last_arrival + _RESOLUTION
+        if 0 <= self._last_arrival - received < SETTINGS.correction:
+            received = self._last_arrival + SETTINGS.resolution
         self._last_arrival = received
         frame.timestamp = received * 1e-9
         if self.parameters.publish_frames and not frame.is_fd:
@@ -219,7 +230,7 @@ class CanDriver(SensingNode[CanDriverParameters]):
         level, text = Level.OK, "open"
         if self._problem:
             level, text = Level.ERROR, f"trying again: {self._problem}"
-        elif time.monotonic() - at <= _LOSS_HOLD:
+        elif time.monotonic() - at <= SETTINGS.loss_hold:
             level, text = Level.WARN, f"open again after: {reason}"
         now = self.time_base.now()
         if now is None:

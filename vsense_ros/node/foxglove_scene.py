@@ -3,6 +3,7 @@ what it could have."""
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from math import atan2, cos, hypot, pi, sin
 
 from foxglove.messages import (
@@ -25,11 +26,22 @@ from vsense_ros.model.constants import GRAVITY
 from vsense_ros.model.vehicle import Vehicle
 
 PATH, TYRES = "vsense/view/path", "vsense/view/tyres"
-_TYRES_EVERY = 40_000_000  # [ns]
-_PATH_EVERY = 1_000_000_000  # [ns]
-_PATH_STEP = 0.5  # [m]
-_LONGEST_PATH = 20_000  # points; then every second one goes
-_LOAD = 4000.0  # [N] drawn as one metre where the car is not known
+
+
+@dataclass(frozen=True)
+class SceneSettings:
+    """How often and how large a car is drawn: decisions of this project."""
+
+    tyres_every: int = 40_000_000  # [ns]
+    path_every: int = 1_000_000_000  # [ns]
+    path_step: float = 0.5  # [m]
+    longest_path: int = 20_000  # points; then every second one goes
+    usual_load: float = 4000.0  # [N] drawn as one metre where the car is not known
+    near_the_limit: float = 0.85  # share of the circle from which on a force is red
+
+
+SETTINGS = SceneSettings()
+
 _CIRCLE = [(cos(2 * pi * i / 48), sin(2 * pi * i / 48)) for i in range(48)]
 _BLUE, _GREY, _RED = (
     Color(r=0.1, g=0.45, b=0.9, a=1.0),
@@ -37,7 +49,6 @@ _BLUE, _GREY, _RED = (
     Color(r=0.9, g=0.1, b=0.1, a=1.0),
 )
 _NOWHERE = Pose(position=Vector3(), orientation=Quaternion(w=1.0))
-_NEAR_THE_LIMIT = 0.85  # share of the circle from which on a force is red
 
 
 class Scene:
@@ -48,7 +59,7 @@ class Scene:
         """`prefix` stands before the names of the car's frames."""
         self._prefix = prefix
         self._friction = None if vehicle is None else vehicle.physics.road.friction
-        load = _LOAD if vehicle is None else vehicle.physics.chassis.mass * GRAVITY / 4
+        load = SETTINGS.usual_load if vehicle is None else vehicle.physics.chassis.mass * GRAVITY / 4
         self._scale = 1.0 / load
         self.forget()
 
@@ -70,11 +81,11 @@ class Scene:
     def _on_odometry(self, sample: Sample) -> list[tuple[str, SceneUpdate]]:
         place = sample.values["position"].tolist()
         last = self._path[-1] if self._path else None
-        if last is None or hypot(place[0] - last[0], place[1] - last[1]) > _PATH_STEP:
+        if last is None or hypot(place[0] - last[0], place[1] - last[1]) > SETTINGS.path_step:
             self._path.append((place[0], place[1], place[2]))
-            if len(self._path) > _LONGEST_PATH:
+            if len(self._path) > SETTINGS.longest_path:
                 del self._path[1::2]
-        if len(self._path) < 2 or 0 <= sample.stamp - self._path_told < _PATH_EVERY:
+        if len(self._path) < 2 or 0 <= sample.stamp - self._path_told < SETTINGS.path_every:
             return []
         self._path_told = sample.stamp
         line = LinePrimitive(
@@ -93,7 +104,7 @@ class Scene:
         self._forces[wheel] = (x, y, z)
         if len(self._forces) < len(WHEELS) or wheel != WHEELS[-1]:
             return []
-        if 0 <= sample.stamp - self._tyres_told < _TYRES_EVERY:
+        if 0 <= sample.stamp - self._tyres_told < SETTINGS.tyres_every:
             return []
         self._tyres_told = sample.stamp
         entities = [self._tyre(sample.stamp, name) for name in WHEELS]
@@ -110,7 +121,7 @@ class Scene:
         length, turned, radius = self.sizes(wheel)
         lines, color = [], _BLUE
         if radius is not None:
-            color = _RED if length > _NEAR_THE_LIMIT * radius else _BLUE
+            color = _RED if length > SETTINGS.near_the_limit * radius else _BLUE
             lines = [
                 LinePrimitive(
                     type=LinePrimitiveLineType.LineLoop,

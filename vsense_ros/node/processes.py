@@ -27,11 +27,20 @@ from vsense_ros.messages.diagnostic import Diagnostic, Level
 from vsense_ros.messages.recording import Recording
 from vsense_ros.node.byte_log import write_byte_log
 
-_FIRST_DOMAIN, _LAST_DOMAIN = 10, 100  # above 101 the ports of a domain collide with ephemeral ones
-_FAR_APART = 37  # domains between those of processes started in a row; no divisor of their number
-_DOMAIN_PORT = 7400
-_STARTUP = 180.0  # [s] for a node to become active; the observer may have to compile its model first
-_DISCOVERY = 15.0  # [s]
+
+@dataclass(frozen=True)
+class ProcessSettings:
+    """ROS domains of processes, and how long they may take: decisions of this project."""
+
+    first_domain: int = 10  # below it are domains that people use
+    last_domain: int = 100  # above 101 the ports of a domain collide with ephemeral ones
+    far_apart: int = 37  # domains between those of processes started in a row; no divisor of their number
+    domain_port: int = 7400  # port of domain 0 (DDS-RTPS 2.5, 9.6.2.3)
+    startup: float = 180.0  # [s] for a node to become active; the observer may have to compile its model first
+    discovery: float = 15.0  # [s] for nodes to see each other
+
+
+SETTINGS = ProcessSettings()
 
 
 @dataclass(frozen=True)
@@ -52,13 +61,15 @@ class RosRun:
 def free_domain() -> int:
     """A ROS domain on this machine that nobody uses. Processes started one after the other search far apart, so that
     two that run at once do not choose the same."""
-    span = _LAST_DOMAIN - _FIRST_DOMAIN
+    span = SETTINGS.last_domain - SETTINGS.first_domain
     for i in range(span):
-        domain = _FIRST_DOMAIN + (_FAR_APART * os.getpid() + i) % span
+        domain = SETTINGS.first_domain + (SETTINGS.far_apart * os.getpid() + i) % span
         with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe, contextlib.suppress(OSError):
-            probe.bind(("", _DOMAIN_PORT + 250 * domain))
+            probe.bind(("", SETTINGS.domain_port + 250 * domain))
             return domain
-    raise InputError(f"all ROS domains from {_FIRST_DOMAIN} to {_LAST_DOMAIN} are in use on this machine")
+    raise InputError(
+        f"all ROS domains from {SETTINGS.first_domain} to {SETTINGS.last_domain} are in use on this machine"
+    )
 
 
 def ros_environment(domain: int) -> dict[str, str]:
@@ -169,7 +180,7 @@ class NodeProcess:
             with self._heard:
                 self._heard.wait(0.1)
 
-    def wait_until_active(self, timeout: float = _STARTUP) -> None:
+    def wait_until_active(self, timeout: float = SETTINGS.startup) -> None:
         """Wait until the node is configured and active."""
         self.wait_for("active", timeout)
 
@@ -298,7 +309,7 @@ def _driven(
         node.wait_until_active()
     # Estimates and measurements have their readers before the first of them is made.
     for name in ("observer", *drivers):
-        nodes[name].wait_for("connected", _DISCOVERY)
+        nodes[name].wait_for("connected", SETTINGS.discovery)
     elapsed = _follow(start_replay(), nodes, progress)
     # Each node works off what has come, and waits until its readers have it.
     for name in (*drivers, "observer", "recorder", *last):
@@ -360,7 +371,7 @@ def _percentages(lines: Sequence[str]) -> Iterator[int]:
 
 def _follow(replay: NodeProcess, nodes: Mapping[str, NodeProcess], progress: Callable[[float], None] | None) -> float:
     """Wait for the end of a replay; returns the seconds that it took from its first message on."""
-    replay.wait_for("begins", _STARTUP)
+    replay.wait_for("begins", SETTINGS.startup)
     began = time.monotonic()
     while replay.exit_code is None and not replay.says("finished"):
         for name, node in nodes.items():

@@ -10,6 +10,7 @@ from __future__ import annotations
 import sys
 from collections import Counter, deque
 from collections.abc import Callable
+from dataclasses import dataclass
 from itertools import chain, count
 from pathlib import Path
 from typing import Any
@@ -27,9 +28,18 @@ from vsense_ros.node.parameters import NodeParameters, parameter, path_parameter
 from vsense_ros.node.qos import offered_text
 from vsense_ros.node.reader import Reader
 
-_STEP_BACK = 1_000_000_000  # [ns] by which a clock was set back; by less it only ticks coarsely or late
-_WRITE_EVERY = 0.5  # [s]
-_MOST_HELD = 1000
+
+@dataclass(frozen=True)
+class RecorderSettings:
+    """How the recorder writes: decisions of this project."""
+
+    step_back: int = 1_000_000_000  # [ns] by which a clock was set back; by less it only ticks coarsely or late
+    write_every: float = 0.5  # [s]
+    most_held: int = 1000
+
+
+SETTINGS = RecorderSettings()
+
 _OF_ALL = ("/tf", "/tf_static", "/diagnostics", "/diagnostics_agg")
 _NOT_BY_ITSELF = ("/clock", "/rosout", "/parameter_events")
 
@@ -127,7 +137,7 @@ class Recorder(SensingNode[RecorderParameters]):
     def start(self) -> None:
         self._timers_of_recording = [
             self.create_steady_timer(0.1, self._look),
-            self.create_steady_timer(_WRITE_EVERY, self._write),
+            self.create_steady_timer(SETTINGS.write_every, self._write),
         ]
         self._look_for_topics()
 
@@ -213,7 +223,7 @@ class Recorder(SensingNode[RecorderParameters]):
                 return
             now = self.now()
             if now <= 0:  # no /clock yet: the bag would begin in 1970
-                if latched and len(self._held) < _MOST_HELD:
+                if latched and len(self._held) < SETTINGS.most_held:
                     self._held.append((receive, data))
                 else:
                     self.before_clock += 1
@@ -222,7 +232,7 @@ class Recorder(SensingNode[RecorderParameters]):
                 self.while_paused += 1
                 return
             # A bag is in order of arrival, as long as nobody sets the clock.
-            if not 0 < self._last_time - now < _STEP_BACK:
+            if not 0 < self._last_time - now < SETTINGS.step_back:
                 self._last_time = now
             if self.parameters.snapshot_mode:
                 self._remember(name, kind, self._last_time, data)

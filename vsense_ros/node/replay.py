@@ -20,6 +20,7 @@ import sys
 import threading
 import time
 from collections.abc import Collection
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -38,10 +39,18 @@ from vsense_ros.node.parameters import parameter
 from vsense_ros.node.reader import LOSSLESS
 from vsense_ros.node.replay_sources import NANO, ReplaySources, SourceParameters, check_overlap
 
-_TICK = 10_000_000  # [ns] between clock messages: of wall time, or of recorded time where that runs slower
-_LOOK_EVERY = 0.05  # [s] for whom a replay still waits
-_TELL_AGAIN = 0.2  # [s] after which consumers that are behind are told the time again
-_FAST_TICK = 20_000_000  # [ns] of recorded time with rate 0
+
+@dataclass(frozen=True)
+class ReplaySettings:
+    """How often a replay gives the time, and looks after its consumers: decisions of this project."""
+
+    tick: int = 10_000_000  # [ns] between clock messages: of wall time, or of recorded time where that runs slower
+    look_every: float = 0.05  # [s] between two looks at the consumers that a replay waits for
+    send_again: float = 0.2  # [s] after which the time is sent again to consumers that are behind
+    fast_tick: int = 20_000_000  # [ns] of recorded time with rate 0
+
+
+SETTINGS = ReplaySettings()
 
 
 class ReplayParameters(SourceParameters):
@@ -138,7 +147,7 @@ class Replay(SensingNode[ReplayParameters]):
         self._ended = self._begun = False
         self._moved = True
         self._listening.clear()
-        self._asking = self.create_steady_timer(_LOOK_EVERY, self._ask)
+        self._asking = self.create_steady_timer(SETTINGS.look_every, self._ask)
         self._thread = threading.Thread(target=self._guarded_run, name="replay", daemon=True)
         self._thread.start()
 
@@ -223,7 +232,7 @@ class Replay(SensingNode[ReplayParameters]):
             elif self._clock_output is not None and tick <= due:
                 if self._wait_until(tick):
                     self._publish_clock(tick)
-                    tick += _FAST_TICK if rate == 0 else round(_TICK * max(rate, 1.0))
+                    tick += SETTINGS.fast_tick if rate == 0 else round(SETTINGS.tick * max(rate, 1.0))
                 continue
             if self._single or self._wait_until(due):
                 self._single = max(self._single - 1, 0)
@@ -262,7 +271,7 @@ class Replay(SensingNode[ReplayParameters]):
             while self._progress and min(self._progress.values()) < moment:
                 if self._paused or self._ended or self._seek is not None:
                     return False
-                if not self._condition.wait(_TELL_AGAIN):
+                if not self._condition.wait(SETTINGS.send_again):
                     self._publish_clock(self._told)  # to one that began to listen anew meanwhile
         return True
 
@@ -283,7 +292,7 @@ class Replay(SensingNode[ReplayParameters]):
             missing += [f"a subscriber of {topic}" for topic in self.unheard]
             if consumers and time.monotonic() >= clock_due:  # each answer of a consumer ends the wait below
                 self._publish_clock(self._now)
-                clock_due = time.monotonic() + _LOOK_EVERY
+                clock_due = time.monotonic() + SETTINGS.look_every
             with self._condition:
                 listening = len(self._progress.keys() & self._listening)
                 expected = max(consumers, len(self._progress))
@@ -299,7 +308,7 @@ class Replay(SensingNode[ReplayParameters]):
                         raise InputError(f"{text}; a consumer is an observer or a recorder that is active")
                     self.get_logger().warning(text)
                     return True
-                self._condition.wait(_LOOK_EVERY)
+                self._condition.wait(SETTINGS.look_every)
 
     def _drain(self) -> None:
         """Wait until the consumers have worked off everything, and then what the first made for the others."""
@@ -313,7 +322,7 @@ class Replay(SensingNode[ReplayParameters]):
                         behind = [name for name, done in self._progress.items() if done < moment]
                         self.get_logger().warning(f"{', '.join(behind)} did not finish in {self.parameters.wait:g} s")
                         return
-                    if not self._condition.wait(_TELL_AGAIN):
+                    if not self._condition.wait(SETTINGS.send_again):
                         self._publish_clock(moment)
 
     # What comes from outside

@@ -8,15 +8,26 @@ import threading
 import time
 import traceback
 from collections.abc import Callable
+from dataclasses import dataclass
 
 import serial
 
 from vsense_ros.errors import InputError
 from vsense_ros.messages.diagnostic import Diagnostic, Level
 
-_FIRST_WAIT, _LONGEST_WAIT = 0.1, 1.0  # [s] between attempts to open
-_PATIENCE = 0.1  # [s] for which a read waits
-_FAULT_HOLD = 2.0  # [s] for which a fault in what was received colours the diagnostic
+
+@dataclass(frozen=True)
+class SerialLinkSettings:
+    """How long a serial port is waited for: decisions of this project."""
+
+    first_wait: float = 0.1  # [s] between attempts to open
+    longest_wait: float = 1.0  # [s] between attempts to open
+    patience: float = 0.1  # [s] for which a read waits
+    fault_hold: float = 2.0  # [s] for which a fault in what was received colours the diagnostic
+
+
+SETTINGS = SerialLinkSettings()
+
 # A TCP peer that lost its power is silent like one without news: asked after 2 s, it answers within 3 s or is gone.
 _KEEP_ALIVE = {socket.TCP_KEEPIDLE: 2, socket.TCP_KEEPINTVL: 1, socket.TCP_KEEPCNT: 3}
 
@@ -71,14 +82,14 @@ class SerialLink:
             self._thread = None
 
     def _run(self) -> None:
-        wait = _FIRST_WAIT
+        wait = SETTINGS.first_wait
         while not self._end.is_set():
             try:
-                with serial.serial_for_url(self.port, baudrate=self.baud_rate, timeout=_PATIENCE) as link:
+                with serial.serial_for_url(self.port, baudrate=self.baud_rate, timeout=SETTINGS.patience) as link:
                     if self.port.startswith("socket://"):
                         _keep_alive(link._socket)
                     self.problem = ""
-                    wait = _FIRST_WAIT
+                    wait = SETTINGS.first_wait
                     self._read(link)
             except Exception as error:  # pyserial lets through more than its own, such as termios.error
                 if str(error) != self.problem:
@@ -87,7 +98,7 @@ class SerialLink:
                 self.problem = str(error)
                 self._hand_on(b"", time.time_ns())
             self._end.wait(wait)
-            wait = min(2.0 * wait, _LONGEST_WAIT)
+            wait = min(2.0 * wait, SETTINGS.longest_wait)
 
     def _read(self, link: serial.SerialBase) -> None:
         while not self._end.is_set():
@@ -118,7 +129,7 @@ class SerialLink:
         if self.problem:
             return Diagnostic(f"{self.name}: port", Level.ERROR, f"trying again: {self.problem}", values)
         reason, at = self._latest_fault
-        if time.monotonic() - at <= _FAULT_HOLD:
+        if time.monotonic() - at <= SETTINGS.fault_hold:
             text = f"open, but what was received could not be used: {reason}"
             return Diagnostic(f"{self.name}: port", Level.ERROR, text, values)
         return Diagnostic(f"{self.name}: port", Level.OK, "open", values)

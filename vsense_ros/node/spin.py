@@ -9,6 +9,7 @@ import threading
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager
+from dataclasses import dataclass
 from typing import Any
 
 import rclpy
@@ -22,9 +23,18 @@ try:
 except ImportError:  # rclpy before 7.1.3
     EventsExecutor = None
 
-_FOREVER = 1e8  # [s]
-_GRACE = 1.5  # [s] for a job that is interrupted to come to an end
-_LAST = 1.0  # [s] for what has arrived before the end was asked for
+
+@dataclass(frozen=True)
+class SpinSettings:
+    """How long a node waits at its end: decisions of this project."""
+
+    forever: float = 1e8  # [s]
+    grace: float = 1.5  # [s] for a job that is interrupted to come to an end
+    last: float = 1.0  # [s] for what has arrived before the end was asked for
+
+
+SETTINGS = SpinSettings()
+
 _SIGNALS = (signal.SIGINT, signal.SIGTERM)
 
 
@@ -70,7 +80,7 @@ class Stop:
     def _end_anyway(self) -> None:
         """What has not come back from a library by now is left where it is; no file is half written by that, as files
         take their place when they are whole."""
-        time.sleep(_GRACE)
+        time.sleep(SETTINGS.grace)
         if self._in_long_job:
             os._exit(0)
 
@@ -102,8 +112,8 @@ def spin(node: Node, stop: Stop) -> None:
     executor.add_node(node)
     worked_off: Future = Future()
     try:
-        executor.spin_until_future_complete(stop.future, timeout_sec=_FOREVER)
+        executor.spin_until_future_complete(stop.future, timeout_sec=SETTINGS.forever)
         executor.create_task(worked_off.set_result, None)  # which queues up behind what waits
-        executor.spin_until_future_complete(worked_off, timeout_sec=_LAST)
+        executor.spin_until_future_complete(worked_off, timeout_sec=SETTINGS.last)
     finally:
         executor.remove_node(node)

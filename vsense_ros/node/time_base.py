@@ -6,21 +6,32 @@ import threading
 import time
 from collections import deque
 from collections.abc import Callable, Iterator
+from dataclasses import dataclass
 from typing import Generic, TypeVar
 
 import numpy as np
 
-_RATE_TICKS = 512  # clock messages from which the rate of the clock is taken
-_OFFSET_TICKS = 64  # newest of them from which the offset is taken
-_RATE_EVERY = 16  # ticks between two looks at the rate …
-_RATE_OFTEN = 640_000_000  # [ns] … beyond this wall time from the first: until then each tick counts, however many wait
-_RATE_SPAN = 80_000_000  # [ns] of wall time before the rate is believed; until then it is 1
-_RATE_NOISE = 0.02  # a rate this close to 1 is 1
-_JUMP = 50_000_000  # [ns]
-_STALL = 1_000_000_000  # [ns] by which a tick is late only where the clock was set back or paused
-_PATIENCE = 200_000_000  # [ns] of wall time in which ticks that were held up are made up for
-_SETTLING = 50_000_000  # [ns] of wall time after the first tick, or one that stood still or went back
-_HELD = 1_000_000_000  # [ns] of wall time for which arrivals are kept until the time is known
+
+@dataclass(frozen=True)
+class TimeBaseSettings:
+    """How the time of a replay is reckoned from its clock messages: decisions of this project."""
+
+    rate_ticks: int = 512  # clock messages from which the rate of the clock is taken
+    offset_ticks: int = 64  # newest of them from which the offset is taken
+    rate_every: int = 16  # ticks between two looks at the rate …
+    # [ns] … beyond this wall time from the first: until then each tick counts, however many wait
+    rate_often: int = 640_000_000
+    rate_span: int = 80_000_000  # [ns] of wall time before the rate is believed; until then it is 1
+    rate_noise: float = 0.02  # a rate this close to 1 is 1
+    jump: int = 50_000_000  # [ns] by which the clock is off from where on it is taken to have jumped
+    stall: int = 1_000_000_000  # [ns] by which a tick is late only where the clock was set back or paused
+    patience: int = 200_000_000  # [ns] of wall time in which ticks that were held up are made up for
+    settling: int = 50_000_000  # [ns] of wall time after the first tick, or one that stood still or went back
+    held: int = 1_000_000_000  # [ns] of wall time for which arrivals are kept until the time is known
+
+
+SETTINGS = TimeBaseSettings()
+
 
 Item = TypeVar("Item")
 
@@ -38,7 +49,7 @@ class TimeBase:
         self.simulated = simulated
         # Wall and simulated time [ns] of each tick, oldest first. Only the columns from `_first` to `_end` are ticks:
         # the newest are moved to the front when the end of the array is reached, so that they always lie together.
-        self._ticks = np.zeros((2, 4 * _RATE_TICKS), np.int64)
+        self._ticks = np.zeros((2, 4 * SETTINGS.rate_ticks), np.int64)
         self._first = self._end = 0
         self._newest = 0  # simulated time of the newest [ns]
         self._count = 0
@@ -58,26 +69,26 @@ class TimeBase:
             late = self._at(wall) - simulated if known else 0
             if not known or simulated <= self._newest:
                 self._begin_anew(wall)
-            elif abs(late) > _JUMP * max(1.0, self._rate):
+            elif abs(late) > SETTINGS.jump * max(1.0, self._rate):
                 self._late_since = wall if self._late_since is None else self._late_since
-                if 0 < late < _STALL * max(1.0, self._rate) and wall - self._late_since < _PATIENCE:
+                if 0 < late < SETTINGS.stall * max(1.0, self._rate) and wall - self._late_since < SETTINGS.patience:
                     return
                 self._begin_anew(wall if late > 0 else self._set_back)
             self._late_since = None
             self._append(wall, simulated)
             self._count += 1
-            if wall - self._ticks[0, self._first] < _RATE_OFTEN or self._count % _RATE_EVERY == 0:
+            if wall - self._ticks[0, self._first] < SETTINGS.rate_often or self._count % SETTINGS.rate_every == 0:
                 self._find_rate()
-            self._best = self._promptest(max(self._first, self._end - _OFFSET_TICKS), self._end)
+            self._best = self._promptest(max(self._first, self._end - SETTINGS.offset_ticks), self._end)
 
     def _append(self, wall: int, simulated: int) -> None:
         if self._end == self._ticks.shape[1]:
-            self._ticks[:, : _RATE_TICKS - 1] = self._ticks[:, 1 - _RATE_TICKS :]
-            self._first, self._end = 0, _RATE_TICKS - 1
+            self._ticks[:, : SETTINGS.rate_ticks - 1] = self._ticks[:, 1 - SETTINGS.rate_ticks :]
+            self._first, self._end = 0, SETTINGS.rate_ticks - 1
         self._ticks[:, self._end] = wall, simulated
         self._newest = simulated
         self._end += 1
-        self._first = max(self._first, self._end - _RATE_TICKS)
+        self._first = max(self._first, self._end - SETTINGS.rate_ticks)
 
     def _begin_anew(self, set_back: int) -> None:
         self._first = self._end = 0
@@ -94,7 +105,7 @@ class TimeBase:
         """From the promptest tick of the earlier half to that of the later: of ticks in one go only the last counts."""
         walls = self._ticks[0, self._first : self._end]
         first, last = int(walls[0]), int(walls[-1])
-        if last - first < _RATE_SPAN:
+        if last - first < SETTINGS.rate_span:
             return
         split = self._first + int(walls.searchsorted((first + last) // 2, side="right"))
         if not self._first < split < self._end:  # the system's clock was set meanwhile
@@ -104,7 +115,7 @@ class TimeBase:
         if later_wall <= earlier_wall:
             return
         rate = (later - earlier) / (later_wall - earlier_wall)
-        self._rate = 1.0 if abs(rate - 1.0) < _RATE_NOISE else rate
+        self._rate = 1.0 if abs(rate - 1.0) < SETTINGS.rate_noise else rate
 
     def at(self, wall: int) -> int | None:
         """The time [ns] at the wall time `wall` [ns]; None before the clock's first tick."""
@@ -115,7 +126,9 @@ class TimeBase:
 
     def settled(self, wall: int) -> bool:
         """True if the clock runs, and no ticks can be waiting for this process that would change its time."""
-        return not self.simulated or (wall - self._set_back >= _SETTLING and wall - self._heard <= _PATIENCE)
+        return not self.simulated or (
+            wall - self._set_back >= SETTINGS.settling and wall - self._heard <= SETTINGS.patience
+        )
 
     def now(self) -> int | None:
         """The time [ns]; None before the clock's first tick."""
@@ -145,7 +158,7 @@ class Arrivals(Generic[Item]):
     def dated(self, wall: int, time_base: TimeBase, *, at_the_end: bool = False) -> Iterator[tuple[Item, int]]:
         """What can be dated at the wall time `wall` [ns], oldest first, with times of arrival [ns]; at the end of the
         reading all of it."""
-        while self._held and (at_the_end or time_base.settled(wall) or wall - self._held[0][1] > _HELD):
+        while self._held and (at_the_end or time_base.settled(wall) or wall - self._held[0][1] > SETTINGS.held):
             item, arrived = self._held.popleft()
             at = time_base.at(arrived)
             if at is None:

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import zlib
 from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -24,9 +25,18 @@ NAME = "mat"
 DESCRIPTION = "MATLAB file with a column mapping (.mat, version 5 or 7.3)"
 
 _HDF5 = b"\x89HDF\r\n\x1a\n"
-_MOST = 64  # times the size of the file that a variable may have …
-_LEAST_BOUND = 1 << 28  # … with this many bytes in any case
-_DEEPEST = 8  # structures in structures
+
+
+@dataclass(frozen=True)
+class MatLimits:
+    """Bounds on what a MATLAB file may make its reader allocate: decisions of this project."""
+
+    inflation: int = 64  # [-] times the size of the file that a variable may have
+    ordinary: int = 1 << 28  # [byte] that any variable may have
+    deepest: int = 8  # structures in structures
+
+
+LIMITS = MatLimits()
 
 
 def matches(path: Path) -> bool:
@@ -99,7 +109,7 @@ def _version5(path: Path) -> Iterator[tuple[str, Array]]:
 
 
 def _flat(prefix: str, content: Any, depth: int) -> Iterator[tuple[str, Array]]:
-    if depth > _DEEPEST:
+    if depth > LIMITS.deepest:
         return
     if isinstance(content, Mapping):
         for name, value in content.items():
@@ -119,7 +129,7 @@ def _flat(prefix: str, content: Any, depth: int) -> Iterator[tuple[str, Array]]:
 def _hdf5(path: Path) -> Iterator[tuple[str, Array]]:
     import h5py
 
-    bound = max(_MOST * path.stat().st_size, _LEAST_BOUND)
+    bound = max(LIMITS.inflation * path.stat().st_size, LIMITS.ordinary)
     try:
         with h5py.File(path, "r") as file:
             yield from _group(path, "", file, bound, 0)
@@ -133,7 +143,7 @@ def _group(path: Path, prefix: str, group: Any, bound: int, depth: int) -> Itera
     import h5py
 
     for name in group:
-        if name.startswith("#") or depth > _DEEPEST:
+        if name.startswith("#") or depth > LIMITS.deepest:
             continue
         full = f"{prefix}.{name}" if prefix else name
         if isinstance(group.get(name, getlink=True), h5py.ExternalLink | h5py.SoftLink):

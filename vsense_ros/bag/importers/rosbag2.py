@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import sqlite3
 from collections.abc import Iterator
+from dataclasses import dataclass
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any
@@ -23,8 +24,17 @@ FIRST = True  # a folder with such files is no bag in MCAP
 _ENDINGS = (".db3", ".db3.zstd", ".mcap.zstd")
 _SQLITE = b"SQLite format 3\0"
 _ZSTD = b"\x28\xb5\x2f\xfd"
-_MOST = 32  # times its size that a compressed file may hold, with …
-_LEAST_BOUND = 1 << 28  # … this many bytes in any case
+
+
+@dataclass(frozen=True)
+class RosbagLimits:
+    """Bounds on what a compressed bag may unpack to: decisions of this project."""
+
+    inflation: int = 32  # [-] times its size that a compressed file may hold
+    ordinary: int = 1 << 28  # [byte] that any file may hold
+
+
+LIMITS = RosbagLimits()
 
 
 def matches(path: Path) -> bool:
@@ -94,7 +104,7 @@ def _mode(path: Path, notes: list[str]) -> str:
 
 def _unpacked(file: Path) -> bytes:
     """What a compressed file holds, up to a bound; of one that is cut off, what comes before the cut."""
-    bound = max(_MOST * file.stat().st_size, _LEAST_BOUND)
+    bound = max(LIMITS.inflation * file.stat().st_size, LIMITS.ordinary)
     found = bytearray()
     with file.open("rb") as packed:
         reader = zstandard.ZstdDecompressor().stream_reader(packed)
