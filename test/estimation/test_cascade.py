@@ -148,6 +148,17 @@ def test_a_cascade_is_valid_and_inflated_as_a_whole() -> None:
     assert not filter.is_valid()
 
 
+def test_a_heading_that_is_passed_on_again_and_again_weighs_as_much_as_once() -> None:
+    yaw = Measurement("yaw", lambda x, z, u, p: x.yaw, (0.0,), angles=(0,))
+    passed = PassedMeasurement(yaw, "heading", "copy", "yaw", lambda x, nothing: x.yaw, repeats=50)
+    filters = {"heading": Ekf(Dense(YawKkf(), [COURSE])), "copy": Ekf(Dense(YawKkf(), [yaw]))}
+    made = Cascade(filters, (), (passed,))
+    made.start(Gaussian(np.zeros(4), np.diag([0.05, 0.02, 0.1, 0.02]) ** 2))
+    for _ in range(50):
+        made.correct("yaw", np.zeros(1), np.zeros(1))
+    assert made.belief().covariance[2, 2] == pytest.approx(1 / (1 / 0.05**2 + 1 / 0.1**2))
+
+
 @pytest.mark.parametrize(
     ("inputs", "measurements", "message"),
     [

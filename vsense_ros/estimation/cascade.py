@@ -54,13 +54,18 @@ class PassedInput:
 class PassedMeasurement:
     """What `sensor` measures becomes, as `equation(x, value)` (m,) of the state of `source`, the `measurement` of the
     filter `target`. Its variances are those of the sensor and of the source, carried through the equation; how its
-    components belong together is left out."""
+    components belong together is left out.
+
+    The error of the source changes slowly. Used again before it has, it is no new information: where it stays the same
+    for some uses in a row, `repeats` is their number, and its variance counts as many times, so that all of them
+    together weigh as much as one."""
 
     sensor: Measurement
     source: str
     target: str
     measurement: str
     equation: Callable[[Named, ca.SX], Any]
+    repeats: float = 1.0
 
 
 class Cascade(Filter):
@@ -245,7 +250,7 @@ class MeasurementLink:
         at = Symbols(_system(self._source))
         value = ca.SX.sym("value", len(link.sensor.deviations))
         found = expression(link.equation(at.x, value))
-        by = [at.by_error(found), ca.jacobian(found, value)]
+        by = [link.repeats**0.5 * at.by_error(found), ca.jacobian(found, value)]
         self._value = np.zeros(value.numel())
         self.function = codegen.function("passed", [at.x.vector, value], [found, *by], ("x", "value"))
         self._kernel = Kernel(self.function, [self._source.mean, self._value])

@@ -11,12 +11,13 @@ from vsense_ros.estimation.state_space import Measurement
 from vsense_ros.navigation.space import Definition, Remembered
 from vsense_ros.navigation.thesis.mekf import COURSE, GYRO, Mekf2c, running_mean
 from vsense_ros.navigation.thesis.triple_kkf import TRIPLE_KKF_B
+from vsense_ros.navigation.thesis.wheel_speed_ekf import HEADING_REPEATS
 
 RATE = Measurement("rate_of_heading", lambda x, z, u, p: x.yaw_rate, (0.003,))
 YAW = Measurement("yaw_of_heading", lambda x, z, u, p: x.yaw, (0.0,), angles=(0,))
 PASSED = (
-    PassedMeasurement(GYRO, "heading", "model", RATE.name, lambda x, gyro: gyro[0] - x.gyro_bias),
-    PassedMeasurement(YAW, "heading", "model", YAW.name, lambda x, nothing: x.yaw),
+    PassedMeasurement(GYRO, "heading", "model", RATE.name, lambda x, gyro: gyro[0] - x.gyro_bias, HEADING_REPEATS),
+    PassedMeasurement(YAW, "heading", "model", YAW.name, lambda x, nothing: x.yaw, HEADING_REPEATS),
 )
 SPEED = PassedInput("velocity", "model", lambda x, u: x.forward_velocity, ("speed",))
 

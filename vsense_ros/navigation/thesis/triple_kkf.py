@@ -18,7 +18,7 @@ from vsense_ros.estimation.state_space import Measurement, Named
 from vsense_ros.navigation.space import Definition, NavigationSpace
 from vsense_ros.navigation.thesis.dual_kkf import RATE, TURNED
 from vsense_ros.navigation.thesis.velocity_kkf import LONGEST_HOLD, VELOCITY, VelocityKkf, less_held
-from vsense_ros.navigation.thesis.wheel_speed_ekf import B2, PASSED_YAW, YAW_OF_GYRO, WheelSpeedEkf
+from vsense_ros.navigation.thesis.wheel_speed_ekf import B2, HEADING_REPEATS, PASSED_YAW, YAW_OF_GYRO, WheelSpeedEkf
 from vsense_ros.navigation.yaw_kkf import COURSE, YawKkf, remembered
 
 WHEELS = Measurement("rear_spins", lambda x, z, u, p: [0.0, 0.0], (0.05, 0.05))  # outside: left and right
@@ -32,7 +32,12 @@ HELD_LATERAL = Measurement(
 
 
 OF_WHEELS = PassedMeasurement(
-    WHEELS, "wheels", "velocity", "rolling_speed", lambda x, spins: (spins[0] + spins[1]) / 2 * x.rolling_radius
+    WHEELS,
+    "wheels",
+    "velocity",
+    "rolling_speed",
+    lambda x, spins: (spins[0] + spins[1]) / 2 * x.rolling_radius,
+    HEADING_REPEATS,  # the radius changes no faster than the heading that determines it
 )
 
 

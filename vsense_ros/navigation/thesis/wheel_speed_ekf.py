@@ -4,8 +4,10 @@
     V = (ω_R + ω_L) R / 2                                      speed over ground, on the straight (b1)
 
 a: the course on the straight alone, of which the radius is not observable there. b1: the speed over ground too. b2: the
-last speed held between fixes on the straight. c: in bends the heading of a `YawKkf` beside it (eq. 4.21); what goes to
-and fro there is used twice (C24). The speed is measured, not the radius 2 V / (ω_R + ω_L), which has no value at rest.
+last speed held between fixes on the straight. c: in bends the heading of a `YawKkf` beside it (eq. 4.21). The thesis
+uses that a hundred times a second as if it were new each time, and so learns a wrong radius from one heading: its error
+stays until a straight corrects it. What goes to and fro there is used twice (C24). The speed is measured, not the
+radius 2 V / (ω_R + ω_L), which has no value at rest.
 """
 
 from __future__ import annotations
@@ -20,6 +22,7 @@ from vsense_ros.estimation.state_space import Measurement, Named
 from vsense_ros.navigation.space import Definition, NavigationSpace, drifting
 from vsense_ros.navigation.yaw_kkf import COURSE, YawKkf, remembered
 
+HEADING_REPEATS = 10_000  # uses of a heading, a hundred a second, from one straight to the next
 HELD_NOISE = 0.3  # [m/s] of a speed that is held, a hundred times a second
 
 
@@ -70,7 +73,9 @@ HELD_SPEED = Measurement(
 YAW_OF_GYRO = Measurement(
     "yaw_of_gyro", lambda x, z, u, p: x.yaw, (0.0,), angles=(0,), when=lambda x, u, p: 1 - straight(x, u, p)
 )
-PASSED_YAW = PassedMeasurement(YAW_OF_GYRO, "heading", "wheels", "yaw_of_gyro", lambda x, nothing: x.yaw)
+PASSED_YAW = PassedMeasurement(
+    YAW_OF_GYRO, "heading", "wheels", "yaw_of_gyro", lambda x, nothing: x.yaw, HEADING_REPEATS
+)
 B2 = (ON_STRAIGHT, SPEED, HELD_SPEED)
 
 WHEEL_SPEED_A = Definition.of(WheelSpeedEkf(), ON_STRAIGHT)
