@@ -268,6 +268,37 @@ def leung(tables: tuple[str, ...], quick: bool, figures: bool, processes: int | 
 
 
 @main.command()
+@click.option("--filter", "filters", multiple=True, metavar="NAME", help="Only this filter; may be given again.")
+@click.option("--quick", is_flag=True, help="Of the ten simulated manoeuvres four.")
+@click.option("--processes", type=click.IntRange(1), metavar="N", help="Default: as many as there are cores.")
+@click.option("--out", type=NEW_FILE, default=Path("out/consistency.json"), show_default=True, help="File.")
+def consistency(filters: tuple[str, ...], quick: bool, processes: int | None, out: Path) -> None:
+    """Compare errors of GNSS/INS filters with the standard deviations that they state.
+
+    Prints and writes for each filter and output the share of errors within three standard deviations, and the mean
+    square of errors over them (NEES), on the drives of `leung` and on recordings of real cars.
+
+    \b
+    Examples:
+      python -m studies consistency --quick
+      python -m studies consistency --filter strapdown --filter inertial
+    """
+    from studies import navigation_consistency as job
+    from vsense_ros.evaluate.terminal import console, progress, say
+    from vsense_ros.navigation.catalogue import FILTERS, RECOMMENDED
+
+    for name in filters:
+        FILTERS[name]
+    with progress("driving and estimating") as done:
+        results = job.by_drive(
+            out.parent / "leung", filters or tuple(RECOMMENDED), done, quick=quick, processes=processes
+        )
+    job.write(results, out)
+    job.show(results, console())
+    say(f"Written to {out}.")
+
+
+@main.command()
 @click.option("--out", type=NEW_FOLDER, default=Path("bags"), show_default=True, help="Folder.")
 def bags(out: Path) -> None:
     """Generate the manoeuvre bags of the repository again, bit by bit.
