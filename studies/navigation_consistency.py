@@ -67,7 +67,7 @@ class Score(NamedTuple):
     """Numbers of one output on one drive: errors that count, how many of them are within `DEVIATIONS`, and the sum of
     their squares over their variances."""
 
-    count: int
+    errors: int
     within: int
     squares: float
 
@@ -81,17 +81,17 @@ class Score(NamedTuple):
 
     def __add__(self, other: object) -> Score:  # of two drives together
         assert isinstance(other, Score)
-        return Score(self.count + other.count, self.within + other.within, self.squares + other.squares)
+        return Score(self.errors + other.errors, self.within + other.within, self.squares + other.squares)
 
     @property
     def share(self) -> float:
         """Share of errors within `DEVIATIONS` [%]."""
-        return 100.0 * self.within / max(self.count, 1)
+        return 100.0 * self.within / max(self.errors, 1)
 
     @property
     def nees(self) -> float:
         """Mean normalized error squared [-]."""
-        return self.squares / max(self.count, 1)
+        return self.squares / max(self.errors, 1)
 
 
 Scores = Mapping[str, Score]  # by output
@@ -189,7 +189,7 @@ def _simulated(name: str, drive: Drive, store: Path) -> Scores:
     variances = np.hstack(
         [np.diagonal(block, axis1=1, axis2=2) for block in (motions.pose_covariance, motions.twist_covariance)]
     )
-    scores = {}
+    scores: dict[str, Score] = {}
     for output in ("yaw", "forward_velocity", "lateral_velocity", "yaw_rate"):
         if output not in motions.told:
             continue
@@ -249,7 +249,9 @@ def summary(results: Mapping[str, Mapping[str, Scores]]) -> dict[str, dict[str, 
         for scores in drives.values():
             for output, one in scores.items():
                 total[output] = total[output] + one if output in total else one
-        found[name] = {output: {"within_3s": one.share, "nees": one.nees} for output, one in total.items() if one.count}
+        found[name] = {
+            output: {"within_3s": one.share, "nees": one.nees} for output, one in total.items() if one.errors
+        }
     return found
 
 

@@ -1,13 +1,15 @@
-"""Standard deviations of accelerations are as large as their errors, the accelerometers' noise included."""
+"""Standard deviations are as large as errors, the noise of readings included, and what is not estimated is absent."""
 
 from __future__ import annotations
 
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from vsense_ros.bag import read_bag
 from vsense_ros.evaluate.consistency import errors_of
+from vsense_ros.evaluate.signals import read_signals
 from vsense_ros.files.vehicle import load_vehicle
 from vsense_ros.messages.estimates import UNTOLD
 from vsense_ros.runner.run import run
@@ -27,3 +29,25 @@ def test_errors_of_accelerations_are_as_large_as_told(name: str, told: int) -> N
         assert error.inside > 0.8, key
     angular = output["vsense/acceleration"].columns["covariance"][:, [21, 28, 35]]
     assert (angular == UNTOLD).all()
+
+
+@pytest.mark.parametrize("name", ["inertial", "integrated"])
+def test_a_place_that_a_filter_does_not_estimate_is_absent(name: str) -> None:
+    drive = read_bag(ROOT / "bags/double_lane_change").between(0.0, 3.0)
+    output = run(drive, load_vehicle(ROOT / "config/vehicles/prototype_model.yaml"), name).output
+    odometry = output["vsense/odometry"].columns
+    assert np.isnan(odometry["position"]).all()
+    assert np.isnan(odometry["angular"][:, 1]).all()
+    assert np.isfinite(odometry["linear"][:, :2]).all()
+    assert np.isfinite(odometry["orientation"]).all()
+    assert "position" not in read_signals(output, "vsense")
+
+
+@pytest.mark.parametrize("name", ["strapdown", "inertial", "yaw_kkf"])
+def test_errors_of_the_yaw_rate_are_within_what_is_stated(name: str) -> None:
+    """They are those of the gyro's reading, which no state has."""
+    drive = read_bag(ROOT / "bags/double_lane_change").between(0.0, 6.0)
+    output = run(drive, load_vehicle(ROOT / "config/vehicles/prototype_model.yaml"), name).output
+    error = errors_of(output, drive)["yaw_rate"]
+    assert error.inside > 0.9
+    assert error.nees < 2.0

@@ -23,7 +23,18 @@ from vsense_ros.files.vehicle import load_vehicle
 from vsense_ros.manoeuvre import MANOEUVRES
 from vsense_ros.manoeuvre.receivers import RECEIVERS
 from vsense_ros.model.constants import GRAVITY
-from vsense_ros.model.coordinates import PITCH, ROLL, SPEED_X, SPEED_Y, SPIN, STEERING, YAW, YAW_RATE
+from vsense_ros.model.coordinates import (
+    PITCH,
+    PITCH_RATE,
+    ROLL,
+    ROLL_RATE,
+    SPEED_X,
+    SPEED_Y,
+    SPIN,
+    STEERING,
+    YAW,
+    YAW_RATE,
+)
 from vsense_ros.model.sensors import GnssAttitude, GnssVelocity, Imu, SensorBase, Steering, WheelSpeeds
 from vsense_ros.model.simulation.closed_loop import Trajectory, rolling_straight, simulate
 from vsense_ros.model.vehicle import Vehicle
@@ -43,6 +54,8 @@ TYRES_KNOWN = 0.02
 # links do not yield [rad], and the road does not shake the body [m/s²/√Hz].
 SCALE_KNOWN = 1e-5
 SLIP_KNOWN, SHAKING_KNOWN = 5e-5, 1e-4
+STEERING_KNOWN = 1e-3  # [1/rad] of the road-wheel angle squared
+ANTENNA_KNOWN = 1e-3  # [m] by which the antenna sits elsewhere than at cog
 SETTLED = 20.0  # [s] after which estimates are scored: the thesis does not say which window it takes
 _DEGREE = np.pi / 180
 
@@ -97,6 +110,7 @@ class Truth:
     level_forces: Array  # (n, 2) the same without gravity
     steer: Array
     spins: Array  # (n, 4)
+    tilting: Array | None = None  # (n, 3) roll and pitch rate, specific force upwards; None: a body that stays level
 
     @property
     def side_slip(self) -> Array:
@@ -121,6 +135,9 @@ def drive_plant(manoeuvre: str, plant: str, store: Path) -> Truth:
         t=s.t, yaw=s.q[:, YAW], forward_velocity=s.u[:, SPEED_X], lateral_velocity=s.u[:, SPEED_Y],
         yaw_rate=s.u[:, YAW_RATE], forces=level + gravity, level_forces=level, steer=s.inputs[:, STEERING],
         spins=s.u[:, SPIN],
+        tilting=np.column_stack(
+            [s.u[:, [ROLL_RATE, PITCH_RATE]], s.acceleration[:, 2] + GRAVITY * np.cos(roll) * np.cos(pitch)]
+        ),
     )  # fmt: skip
 
 
@@ -179,6 +196,11 @@ def readings(truth: Truth, case: Case) -> Readings:
     forces = truth.forces if errors.feels_gravity else truth.level_forces
     imu[:, 3:5] = forces + errors.force.bias + errors.force.noise * noise[:, 1:3]
     imu[:, 5] = GRAVITY
+    if truth.tilting is not None and errors.feels_gravity:  # noise of its own: that of the others stays as it was
+        more = case.noise * np.random.default_rng([case.seed, 2011]).standard_normal((n, 3))
+        kinds = (errors.gyro, errors.gyro, errors.force)
+        bias, deviation = np.array([one.bias for one in kinds]), np.array([one.noise for one in kinds])
+        imu[:, [0, 1, 5]] = truth.tilting + bias + deviation * more
     wheels = truth.spins + errors.spin * noise[:, 3:7]
     steering = (truth.steer + errors.steering.bias + errors.steering.noise * noise[:, 7])[:, None]
     c, s = np.cos(truth.yaw), np.sin(truth.yaw)

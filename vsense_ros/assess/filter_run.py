@@ -6,11 +6,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vsense_ros.assess.drives import (
+    ANTENNA_KNOWN,
     KEPT,
     LEVEL,
     SCALE_KNOWN,
     SHAKING_KNOWN,
     SLIP_KNOWN,
+    STEERING_KNOWN,
     STEP,
     TYRES_KNOWN,
     Case,
@@ -32,6 +34,7 @@ def follow(name: str, truth: Truth, case: Case, read: Readings) -> tuple[Motions
     known = {
         "road_bank": LEVEL, "stiffness_deviation": TYRES_KNOWN, "gyro_scale_deviation": SCALE_KNOWN,
         "slip_error": SLIP_KNOWN, "shaking_noise": SHAKING_KNOWN,
+        "antenna_deviation": ANTENNA_KNOWN, "steering_error": STEERING_KNOWN,
     }  # fmt: skip
     numbers = {**car_numbers(study_car(case.plant), sensors.values()), **known}
     filter = Aided(name, DEFINITIONS[name][1], numbers, sensors)

@@ -93,5 +93,6 @@ def table(families: Iterable[FilterFamily]) -> Table:
         found.add_column(heading, overflow="fold")
     for one in families:
         lists = (", ".join(part) for part in (one.states, one.inputs, one.sensors))
-        found.add_row(Text(one.name, style="bold"), one.title, *lists, one.when)
+        when = one.when if one.recommended else f"of the literature, not for use: {one.when}"
+        found.add_row(Text(one.name, style="bold"), one.title, *lists, when)
     return found

@@ -159,7 +159,8 @@ class Dense:
     def is_valid(self) -> bool:
         """True if the mean is finite and within its bounds, and no variance below zero."""
         within = np.abs(self.mean) < self._kernels.largest
-        return bool(within.all() and (self.covariance.diagonal() >= 0).all())
+        variances = self.covariance.diagonal()
+        return np.count_nonzero(within) == within.size and bool(variances.min() >= 0)
 
 
 def laid_out(

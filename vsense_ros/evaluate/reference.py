@@ -22,7 +22,8 @@ def at_reference(output: Recording, vehicle: Vehicle) -> Recording:
     """The estimates of `output` as the reference system would see them, by the mounting that the vehicle file states.
 
     A system at `position` whose forward axis is turned by `yaw` sees the velocity R(-yaw) (v + ω × position). Position,
-    attitude, velocity, rates and side slip are moved; covariances are left, since the mounting is taken as known.
+    attitude, velocity, rates and side slip are moved; covariances are left, since the mounting is taken as known. What
+    is absent (NaN) stays so, and counts as zero for the rest.
     """
     mounting = vehicle.reference
     if ODOMETRY not in output or (not any(mounting.position) and mounting.yaw == 0):
@@ -34,8 +35,10 @@ def at_reference(output: Recording, vehicle: Vehicle) -> Recording:
     attitude = Rotation.from_quat(columns["orientation"])
     columns["position"] = columns["position"] + attitude.apply(arm)
     columns["orientation"] = (attitude * turn).as_quat()
-    columns["linear"] = turn.inv().apply(columns["linear"] + np.cross(columns["angular"], arm))
-    columns["angular"] = turn.inv().apply(columns["angular"])
+    linear, angular = (np.nan_to_num(columns[name]) for name in ("linear", "angular"))
+    moved = {"linear": turn.inv().apply(linear + np.cross(angular, arm)), "angular": turn.inv().apply(angular)}
+    for name, value in moved.items():
+        columns[name] = np.where(np.isnan(columns[name]), np.nan, value)
     channels = {**output.channels, ODOMETRY: replace(odometry, columns=columns)}
     slip = output.channels.get(SIDE_SLIP)  # not every filter tells it
     if slip is not None and len(slip) and np.array_equal(slip.stamp, odometry.stamp):

@@ -13,13 +13,14 @@ from vsense_ros import codegen
 from vsense_ros.codegen import Kernel
 from vsense_ros.errors import InputError
 from vsense_ros.estimation.cascade import Cascade
-from vsense_ros.estimation.filter import Array, Filter, Gaussian, Innovation, largest_nis
+from vsense_ros.estimation.filter import Array, Filter, Gaussian, Innovation, Kept, Step, largest_nis
 from vsense_ros.estimation.state_space import Named, Symbols, expression
 from vsense_ros.model.sensors import SensorBase, words_of
 from vsense_ros.navigation.readings import (
     CONDITIONS_AT,
     INPUTS,
     MEASUREMENTS,
+    NOISE_OF_INPUTS,
     SINCE_FIX,
     SPEED,
     Components,
@@ -83,13 +84,20 @@ class Aided(Filter):
                 self.reckoning = Reckoning(axes, list(self.driving), numbers)
         self.inputs, self.names, self.sensors = self.filter.inputs, self.filter.names, tuple(sensors)
         self._of_axes: OfAxes | None = None  # made when it is needed
-        self._others = {key: one for key, one in sensors.items() if key != self.inertial}
+        names_of_parts = [system.inputs for system, _ in definition.parts.values()]
+        self._noise = [
+            np.array([numbers.get(NOISE_OF_INPUTS.get(n, ""), 0.0) ** 2 for n in names]) for names in names_of_parts
+        ]
+        self._reckoned = [[(i, AXES.index(n)) for i, n in enumerate(ns) if n in AXES] for ns in names_of_parts]
+        self._takes = {key: self.reckoning.takes(one) if self.reckoning else None for key, one in sensors.items()}
         self._check(sensors)
         self.since_fix = self.input_names.index(SINCE_FIX) if SINCE_FIX in self.input_names else None
         self.restart_clock()
         radius = numbers.get("rolling_radius", 0.3)
         self.use = {key: self._use(sensor, _speed_of(sensor, sensors, radius)) for key, sensor in sensors.items()}
-        self._factor = np.eye(len(AXES) + len(self.conditions))  # of the newest inertial innovation
+        numbers_each = len(AXES) + len(self.conditions)
+        self._factor = np.eye(numbers_each)  # of the newest inertial innovation
+        self._deviations = self._factor.reshape(-1)[:: numbers_each + 1]  # its diagonal
         self.fixes = {key for key, sensor in sensors.items() if "course" in sensor.tells}
 
     def _check(self, sensors: Mapping[str, SensorBase]) -> None:
@@ -170,6 +178,23 @@ class Aided(Filter):
         if self.since_fix is not None:
             self.inputs[self.since_fix] += h
 
+    def advance(self, step: Step) -> bool:
+        """As `Filter.advance`; the filter inside makes a step at once where no axis has to be reckoned."""
+        reckoning, size = self.reckoning, len(self.filter.memory)
+        if reckoning is None or (step.steps > 1 and self.since_fix is not None):
+            return super().advance(step)
+        behind, kept = self.memory[size:], step.kept.memory
+        kept[size:] = behind
+        if reckoning.go_on(step.steps * step.h):
+            behind[:] = kept[size:]
+            return super().advance(step)
+        if not self.filter.advance(Step(Kept(kept[:size], step.kept.address), step.steps, step.h)):
+            behind[:] = kept[size:]
+            return False
+        if self.since_fix is not None:
+            self.inputs[self.since_fix] += step.h
+        return True
+
     def _reckon(self, reckoning: Reckoning, h: float) -> None:
         """Drive the filter by what the other sensors say of the axes that are not believed, and know it less well."""
         reckoning.reckon(h)
@@ -182,6 +207,18 @@ class Aided(Filter):
         if self._of_axes is None:
             self._of_axes = OfAxes(self)
         self._of_axes.add(density, h)
+
+    def variances_of_inputs(self) -> list[Array]:
+        """Variances (k,) of the inputs of each part now: those of their sensors, and of an axis that is reckoned what
+        `reckoning` knows of it."""
+        if self.reckoning is None or not self.reckoning.doubted.any():
+            return self._noise
+        found = [variances.copy() for variances in self._noise]
+        for variances, places in zip(found, self._reckoned, strict=True):
+            for place, axis in places:
+                if self.reckoning.doubted[axis]:
+                    variances[place] = self.reckoning.variance[axis]
+        return found
 
     def innovation_of_axis(self, axis: int, value: Array, variance: Array) -> Innovation:
         """How far an axis of a reading (6,) of the first inertial sensor is from what is expected of it, which leaves
@@ -250,9 +287,9 @@ class Aided(Filter):
         the `limit` of the sensor as the worst of its measurements does with its own."""
         use = self.use[sensor]
         if sensor == self.inertial and self.reckoning is not None:
-            return self._correct_inertial(self.reckoning, use, value, variance, limit, scale)
-        if self.reckoning is not None:
-            self.reckoning.take(self._others[sensor], value)
+            return self._correct_inertial(self.reckoning, sensor, value, variance, limit, scale)
+        if (take := self._takes[sensor]) is not None:
+            take(value)
         for memory in use.remembered:
             memory.renew(value)
         worst, accepted, found = 0.0, True, _NOTHING
@@ -265,7 +302,7 @@ class Aided(Filter):
             self.inputs[self.since_fix] = 0.0
         for name, nothing, variances in use.conditions:
             self.filter.correct(name, nothing, variances)
-        return found._replace(nis=worst, accepted=accepted)
+        return Innovation(found.whitened, found.factor, worst, accepted)
 
     @staticmethod
     def _most(use: Use, own: float, limit: float, components: int) -> float:
@@ -279,7 +316,7 @@ class Aided(Filter):
         return self.filter.correct(name, value, variances, most, scale)
 
     def _correct_inertial(
-        self, reckoning: Reckoning, use: Use, value: Array, variance: Array, limit: float, scale: float
+        self, reckoning: Reckoning, sensor: str, value: Array, variance: Array, limit: float, scale: float
     ) -> Innovation:
         """All that a reading of the first inertial sensor does.
 
@@ -287,6 +324,7 @@ class Aided(Filter):
         `conditions`. An axis that is not believed makes the normalized innovation squared larger than the gate's
         square. Without a limit, all is believed.
         """
+        use = self.use[sensor]
         gate = use.gate if isfinite(limit) else np.inf
         whitened, deviations, refused = reckoning.read(value, variance, gate)
         if refused:
@@ -301,16 +339,19 @@ class Aided(Filter):
                 whitened[place], deviations[place] = found.whitened.item(k), found.factor.item(k, k)
                 if not found.accepted and found.nis >= 0:
                     refused.append(place)
-        self._give(self.inertial or "", value)
+        self._give(sensor, value)
+        worst = -1.0
+        for far in whitened:
+            if far * far > worst:
+                worst = far * far
+        if refused:
+            worst = max(worst, _BEYOND * gate**2)
+        self.refused = tuple(refused)
         for name, nothing, variances in use.conditions:
             found = self.filter.correct(name, nothing, variances)
             whitened += found.whitened.tolist()
             deviations += found.factor.diagonal().tolist()
-        worst = max((one * one for one in whitened[: len(AXES)] if one == one), default=-1.0)
-        self.refused = tuple(refused)
-        if refused:
-            worst = max(worst, _BEYOND * gate**2)
-        self._factor.reshape(-1)[:: len(deviations) + 1] = deviations
+        self._deviations[:] = deviations
         return Innovation(np.array(whitened), self._factor, worst, not refused)
 
     def belief(self) -> Gaussian:
@@ -327,7 +368,7 @@ class OfAxes:
     """What axes of an inertial sensor add to the covariance of a filter that they drive, where they are reckoned."""
 
     def __init__(self, filter: Aided) -> None:
-        self._parts = []
+        self._length, self._parts = np.zeros(1), []
         parts = zip(filter.definition.parts.values(), filters_of(filter.filter), strict=True)
         for (system, _), part in parts:
             axes = [AXES.index(name) for name in system.inputs if name in AXES]
@@ -335,16 +376,22 @@ class OfAxes:
                 continue
             at, densities = Symbols(system), ca.SX.sym("densities", len(axes))
             variances = {AXES[axis]: densities[k] / at.h for k, axis in enumerate(axes)}
-            added = system.noise_of_inputs(at.x, at.u, at.theta, at.h, variances)
-            function = ca.Function("added", [*at.now, at.h, densities], [added])
-            self._parts.append((function, axes, getattr(part, "bank", [part])))
+            added = ca.densify(system.noise_of_inputs(at.x, at.u, at.theta, at.h, variances))
+            function = codegen.function("added", [*at.now, at.h, densities], [added], ("x", "u", "p", "h", "densities"))
+            own, kernels = np.zeros(len(axes)), []
+            for one in getattr(part, "bank", [part]):
+                kernel = Kernel(function, [one.mean, one.inputs, parameters_of(one), self._length, own])
+                kernels.append((kernel, one.covariance))
+            self._parts.append((axes, own, kernels))
 
     def add(self, density: Array, h: float) -> None:
         """White noise of these densities (6,) for a step of `h` [s]."""
-        for function, axes, filters in self._parts:
-            for one in filters:
-                added = function(one.mean, one.inputs, parameters_of(one), h, density[axes])
-                one.covariance += np.asarray(added)
+        self._length[0] = h
+        for axes, own, kernels in self._parts:
+            own[:] = density[axes]
+            for kernel, covariance in kernels:
+                kernel.call()
+                covariance += kernel.results[0]
 
 
 class Memory:

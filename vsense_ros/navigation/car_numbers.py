@@ -14,9 +14,11 @@ from vsense_ros.model.vehicle import Vehicle
 STRAIGHT = float(np.radians(1.0))  # [rad/s] of yaw rate below which Leung 2010 (4.2.1) calls a drive straight
 TYPICAL_SPEED = 15.0  # [m/s] at which a road that changes along the way changes in time
 SLIP_ERROR = 0.0015  # [rad] by which a brush errs as an axle: tyres have another curve, links yield
+STEERING_ERROR = 0.3  # [1/rad] times the road-wheel angle squared: by which it errs, as ratios are not constant
 SHAKING_NOISE = 0.1  # [m/s²/√Hz] of a body that shakes on its springs, in an accelerometer across
 GYRO_SCALE_DEVIATION = 0.01  # share by which a gyro of silicon may tell too much or too little
 STIFFNESS_DEVIATION = 0.15  # share by which a car's tyres may be softer or stiffer than its file says
+ANTENNA_DEVIATION = 0.5  # [m] by which an antenna may sit ahead of or behind where the vehicle file says
 SAMPLE_TIME = 0.01  # [s] for which filters hold an inertial reading (Leung 2010, table B.1)
 
 
@@ -37,8 +39,10 @@ def car_numbers(vehicle: Vehicle, sensors: Iterable[SensorBase]) -> dict[str, fl
         "friction": vehicle.physics.road.friction,
         "stiffness_deviation": STIFFNESS_DEVIATION,
         "slip_error": SLIP_ERROR,
+        "steering_error": STEERING_ERROR,
         "shaking_noise": SHAKING_NOISE,
         "gyro_scale_deviation": GYRO_SCALE_DEVIATION,
+        "antenna_deviation": ANTENNA_DEVIATION,
         **roll_numbers(vehicle),
         "rolling_radius": rear.unloaded_radius * LOADED,
         "rear_track": rear.track,
@@ -47,6 +51,7 @@ def car_numbers(vehicle: Vehicle, sensors: Iterable[SensorBase]) -> dict[str, fl
         "gyro_noise": 0.003,
         "acceleration_noise": 0.1,
         "spin_noise": 0.05,
+        "steering_noise": 0.001,
         "antenna_x": 0.0,
         "antenna_y": 0.0,
         "gravity": GRAVITY,
@@ -59,6 +64,8 @@ def car_numbers(vehicle: Vehicle, sensors: Iterable[SensorBase]) -> dict[str, fl
             found["gyro_noise"], found["acceleration_noise"] = float(deviations[2]), float(deviations[4])
         elif "rolling speed" in sensor.tells:
             found["spin_noise"] = float(deviations[2])
+        elif "steering" in sensor.tells and deviations.any():
+            found["steering_noise"] = float(deviations[0])
         elif "course" in sensor.tells:
             found["antenna_x"], found["antenna_y"] = sensor.mounting()[:2].tolist()
     return found

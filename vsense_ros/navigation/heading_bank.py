@@ -23,7 +23,7 @@ from vsense_ros.navigation.open_loop import MapIns
 from vsense_ros.navigation.space import Definition, Seen, drifting
 
 HYPOTHESES = 8
-TILT = 0.3  # [m/s²/√Hz] of body and road, in the accelerometers
+TILT = 0.8  # [m/s²/√Hz] of body and road, and of biases, in the accelerometers
 SLIDING = 3.0  # [m/s] of a car across itself, a hundred times a second
 
 

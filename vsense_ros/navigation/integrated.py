@@ -10,9 +10,13 @@ Where the body rolls, its centre of gravity moves aside of the wheels: they slip
 at which a car's side slip changes its sign that is a fifth of all of it.
 
 No axle is a brush: e is what its slip angle would have to be off by, for about a second, for the force to be right.
-Near the limit it is larger. Without it, what is stated of side slip on a real car is a quarter of its error. A gyro
-has a scale, k_r, and leans with the road. An accelerometer feels a body that shakes on its springs: believed a
-hundred times a second, it tells a wrong side slip and is sure of it.
+Near the limit it is larger, and at the front where the wheels are turned far: a steering has no constant ratio there,
+and its wheels not one angle. Without e, the stated standard deviation of side slip on a real car is a quarter of its
+error. A gyro has a scale, k_r, and leans with the road. An accelerometer feels a body that shakes on its springs:
+believed a hundred times a second, it determines a wrong side slip and is sure of it.
+
+An antenna may sit elsewhere than the vehicle file says: how far ahead, d, is a state, since in a turn at low speed one
+metre of it makes as many degrees of side slip as tyres do. GNSS measures v_y + r (x_antenna + d) across the car.
 
 ln k of each axle drifts as far as its slip angle lets it be seen: where a car goes straight, nothing is told of its
 tyres, and nothing is forgotten. What GNSS, gyro, accelerometer and wheels say is weighted by covariances alone.
@@ -28,7 +32,12 @@ import numpy as np
 
 from vsense_ros.estimation.state_space import Measurement, Named
 from vsense_ros.navigation import single_track
-from vsense_ros.navigation.car_numbers import GYRO_SCALE_DEVIATION, SLIP_ERROR, STIFFNESS_DEVIATION
+from vsense_ros.navigation.car_numbers import (
+    ANTENNA_DEVIATION,
+    GYRO_SCALE_DEVIATION,
+    SLIP_ERROR,
+    STIFFNESS_DEVIATION,
+)
 from vsense_ros.navigation.inertial import LINEAR
 from vsense_ros.navigation.space import Definition, NavigationSpace, Seen, drifting
 
@@ -48,13 +57,13 @@ class Integrated(NavigationSpace):
     names = (
         "forward_velocity", "lateral_velocity", "yaw_rate", "yaw", "gyro_bias", "steering_bias",
         "acceleration_bias_x", "acceleration_bias_y", "front_ln_stiffness", "rear_ln_stiffness", "rolling_radius",
-        "bank", "roll", "roll_rate", "gyro_scale", "front_slip_error", "rear_slip_error", "shaking",
+        "bank", "roll", "roll_rate", "gyro_scale", "antenna_ahead", "front_slip_error", "rear_slip_error", "shaking",
     )  # fmt: skip
     inputs = ("acceleration_x", "steer_angle")
     parameters = (
         *single_track.PARAMETERS, "friction", "roll_gain", "roll_frequency", "roll_damping", "roll_arm", _KNOWN,
-        "slip_error", "shaking_noise", "gravity", "acceleration_noise", "sample_time", "antenna_x", "antenna_y",
-        "road_bank", "road_bank_time",
+        "slip_error", "steering_error", "shaking_noise", "gravity", "acceleration_noise", "sample_time",
+        "antenna_x", "antenna_y", "road_bank", "road_bank_time",
     )  # fmt: skip
     auxiliaries = ("lateral_force",)
     prior: Mapping[str, float] = {
@@ -62,6 +71,7 @@ class Integrated(NavigationSpace):
         "steering_bias": 0.01, "acceleration_bias_x": 1.5, "acceleration_bias_y": 1.5,
         "front_ln_stiffness": STIFFNESS_DEVIATION, "rear_ln_stiffness": STIFFNESS_DEVIATION, "rolling_radius": 0.01,
         "bank": 0.05, "roll": 0.01, "roll_rate": 0.05, "gyro_scale": GYRO_SCALE_DEVIATION,
+        "antenna_ahead": ANTENNA_DEVIATION,
         "front_slip_error": SLIP_ERROR, "rear_slip_error": SLIP_ERROR, "shaking": 0.1,
     }  # fmt: skip
 
@@ -101,7 +111,7 @@ class Integrated(NavigationSpace):
         rolling = theta.roll_frequency**2 * levelling - 2 * theta.roll_damping * theta.roll_frequency * x.roll_rate
         bank = -x.bank / theta.road_bank_time
         fading = -x.vector[-3:] / ca.DM([SLIP_ERROR_TIME, SLIP_ERROR_TIME, SHAKING_TIME])
-        rate = ca.vertcat(along, across, turning, x.yaw_rate, still, bank, x.roll_rate, rolling, 0.0, fading)
+        rate = ca.vertcat(along, across, turning, x.yaw_rate, still, bank, x.roll_rate, rolling, 0.0, 0.0, fading)
         return single_track.second_order(x.vector, rate, h)
 
     def noise(self, x: Named, u: Named, theta: Named, h: ca.SX) -> Any:
@@ -110,18 +120,20 @@ class Integrated(NavigationSpace):
         seen: list[Any] = [drift * ca.fmin(ca.fabs(slip) / FULL_SLIP, 1.0) for slip in self.slip_angles(x, u, theta)]
         drifts: list[Any] = [0.0, FORCE_NOISE, MOMENT_NOISE, LEANING * theta.road_bank, 1e-5, 1e-5, 1e-4, 1e-4]
         sliding = 1 + (self.auxiliary(x, u, theta)[0] / LINEAR) ** 2
-        strays = [theta.slip_error * sliding * np.sqrt(2 / SLIP_ERROR_TIME)] * 2
+        slipping = theta.slip_error * sliding
+        turned = theta.steering_error * (u.steer_angle - x.steering_bias) ** 2
+        strays = [one * np.sqrt(2 / SLIP_ERROR_TIME) for one in (slipping + turned, slipping)]
         bank = theta.road_bank * ca.sqrt(2 / theta.road_bank_time)
         shaking = theta.shaking_noise / SHAKING_TIME
-        walk = ca.vertcat(*drifts, *seen, 1e-5, bank, 0.0, ROLL_NOISE, 0.0, *strays, shaking)
-        return felt + ca.diag(walk**2) * h + drifting(h, *[1e-6] * 18)
+        walk = ca.vertcat(*drifts, *seen, 1e-5, bank, 0.0, ROLL_NOISE, 0.0, 0.0, *strays, shaking)
+        return felt + ca.diag(walk**2) * h + drifting(h, *[1e-6] * 19)
 
     def begin(self, seen: Seen) -> Mapping[str, float]:
         return {n: seen[n] for n in ("forward_velocity", "yaw", "yaw_rate", "rolling_radius") if n in seen}
 
     def uncertain(self, name: str, seen: Seen) -> float:
         known = {
-            "bank": "road_bank", "gyro_scale": "gyro_scale_deviation",
+            "bank": "road_bank", "gyro_scale": "gyro_scale_deviation", "antenna_ahead": "antenna_deviation",
             "front_ln_stiffness": _KNOWN, "rear_ln_stiffness": _KNOWN,
             "front_slip_error": "slip_error", "rear_slip_error": "slip_error",
         }  # fmt: skip
@@ -130,7 +142,8 @@ class Integrated(NavigationSpace):
     def motion(self, x: Named, u: Named, theta: Named) -> dict[str, Any]:
         along = u.acceleration_x - x.acceleration_bias_x
         felt = self.auxiliary(x, u, theta)[0] - theta.gravity * ca.sin(x.bank)
-        return {**super().motion(x, u, theta), "forward_acceleration": along, "lateral_acceleration": felt}
+        upright = {"roll": x.roll + x.bank, "forward_acceleration": along, "lateral_acceleration": felt}
+        return {**super().motion(x, u, theta), **upright}
 
 
 def brush(linear: ca.SX, most: ca.SX) -> ca.SX:
@@ -142,7 +155,7 @@ def brush(linear: ca.SX, most: ca.SX) -> ca.SX:
 def _velocity(x: Named, z: Named, u: Named, p: Named) -> list[ca.SX]:
     c, s = ca.cos(x.yaw), ca.sin(x.yaw)
     forward = x.forward_velocity - x.yaw_rate * p.antenna_y
-    lateral = x.lateral_velocity + x.yaw_rate * p.antenna_x
+    lateral = x.lateral_velocity + x.yaw_rate * (p.antenna_x + x.antenna_ahead)
     return [c * forward - s * lateral, s * forward + c * lateral]
 
 

@@ -22,23 +22,24 @@ _FORWARD, _LATERAL, _SIDE_SLIP = (MOTION.index(n) for n in ("forward_velocity", 
 
 @dataclass(frozen=True)
 class Snapshot:
-    """A filter at one time: mean (n,), covariance (e, e) and inputs (k,) of each of its parts."""
+    """A filter at one time: mean (n,), covariance (e, e), inputs (k,) and their variances (k,) of each of its parts."""
 
     stamp: int  # [ns]
-    parts: tuple[tuple[Array, Array, Array], ...]
+    parts: tuple[tuple[Array, Array, Array, Array], ...]
 
 
 @dataclass(frozen=True)
 class Motions:
-    """The motion of a car at n times, in the order of `MOTION`: `value` (n, 16), zero where nothing is told, and
-    `variance`, which then is `UNTOLD`; covariances of pose and twist; slow states with their standard deviations."""
+    """The motion of a car at n times, in the order of `MOTION`: `value` (n, 16), NaN of what the filter does not
+    estimate, and covariances of pose and twist, in which the variance of that is `UNTOLD`; slow states with their
+    standard deviations."""
 
     stamp: np.ndarray  # (n,) [ns]
     value: Array
     pose_covariance: Array  # (n, 6, 6)
     twist_covariance: Array  # (n, 6, 6)
-    acceleration_covariance: Array  # (n, 3, 3), the noise of the accelerometers included
-    side_slip: Array  # (n, 3): angle, deviation, rate (not told: 0)
+    acceleration_covariance: Array  # (n, 3, 3)
+    side_slip: Array  # (n, 3): angle, deviation, rate (not estimated: 0)
     told: tuple[str, ...]
     parameter_names: tuple[str, ...]
     parameters: Array
@@ -50,7 +51,7 @@ class Motions:
         row = (lambda a: a[0]) if one else (lambda a: a)
         stamp, v = int(self.stamp[0]), row(self.value)
         pose, twist = row(self.pose_covariance), row(self.twist_covariance)
-        orientation = messages.quaternion(v[..., 3:6])
+        orientation = messages.quaternion(np.nan_to_num(v[..., 3:6]))  # an angle that is not estimated is zero
         found = [messages.odometry(stamp, v[..., 0:3], orientation, pose, v[..., 6:9], v[..., 9:12], twist)]
         if "forward_acceleration" in self.told:
             rows = v.shape[:-1]
@@ -85,10 +86,8 @@ class Readout:
             at = Symbols(system)
             told = system.motion(at.x, at.u, at.theta)
             value = expression(list(told.values()))
-            felt = [i for i, name in enumerate(system.inputs) if name.startswith("acceleration_")]
-            noise = at.theta.acceleration_noise if "acceleration_noise" in system.parameters else 0.0
-            by_reading = noise * ca.densify(ca.jacobian(value, at.u.vector)[:, felt])
-            functions.append(ca.Function("motion", at.now, [value, at.by_error(value), by_reading]))
+            by_input = ca.densify(ca.jacobian(value, at.u.vector))
+            functions.append(ca.Function("motion", at.now, [value, at.by_error(value), by_input]))
             names.append(list(told))
             own = [n for n in system.names if n not in MOTION and n in system.error_names]
             slow += [f"{part}.{n}" if definition.is_cascade else n for n in own]
@@ -101,32 +100,30 @@ class Readout:
 
     def snapshot(self, stamp: int) -> Snapshot:
         """The filter now."""
-        return Snapshot(stamp, tuple((p.mean.copy(), p.covariance.copy(), p.inputs.copy()) for p in self._parts))
+        of_inputs = self._filter.variances_of_inputs()
+        parts = zip(self._parts, of_inputs, strict=True)
+        return Snapshot(stamp, tuple((p.mean.copy(), p.covariance.copy(), p.inputs.copy(), v) for p, v in parts))
 
     def motions(self, snapshots: Sequence[Snapshot]) -> Motions:
         """Motions at the times of one or more snapshots."""
         n, count = len(snapshots), len(MOTION)
-        value, covariance = np.zeros((n, count)), np.zeros((n, count, count))
-        by_error: list[tuple[Array, Array, Array, Array]] = []
+        value, covariance = np.full((n, count), np.nan), np.zeros((n, count, count))
+        of_parts: list[tuple[Array, Array]] = []  # values (n, k) and their covariances (n, k, k)
         for i, (function, part) in enumerate(zip(self._functions, self._parts, strict=True)):
-            mean, spread, inputs = (np.array([s.parts[i][k] for s in snapshots]) for k in range(3))
+            mean, spread, inputs, of_inputs = (np.array([s.parts[i][k] for s in snapshots]) for k in range(4))
             theta = parameters_of(part)
             mapped = function.map(n) if n > 1 else function
-            found, slope, noise = mapped(mean.T, inputs.T, np.repeat(theta[:, None], n, axis=1))
-            k, e = function.size1_out(0), spread.shape[1]
-            jacobian = np.array(slope).reshape(k, n, e).transpose(1, 0, 2)
-            by_reading = np.array(noise).reshape(k, n, -1).transpose(1, 0, 2)
-            by_error.append((np.array(found).T, jacobian, spread, by_reading))
+            found, *slopes = mapped(mean.T, inputs.T, np.repeat(theta[:, None], n, axis=1))
+            k = function.size1_out(0)
+            by_error, by_input = (np.array(one).reshape(k, n, -1).transpose(1, 0, 2) for one in slopes)
+            by_states = by_error @ spread @ by_error.transpose(0, 2, 1)
+            by_readings = (by_input * of_inputs[:, None, :]) @ by_input.transpose(0, 2, 1)
+            of_parts.append((np.array(found).T, by_states + by_readings))
         for place, i, row in self._told:
-            value[:, place] = by_error[i][0][:, row]
+            value[:, place] = of_parts[i][0][:, row]
             for other, j, column in self._told:
                 if i == j:
-                    _, jacobian, spread, by_reading = by_error[i]
-                    covariance[:, place, other] = np.einsum(
-                        "ne,nef,nf->n", jacobian[:, row], spread, jacobian[:, column]
-                    )
-                    if all(_ACCELERATIONS.start <= at < _ACCELERATIONS.stop for at in (place, other)):
-                        covariance[:, place, other] += np.sum(by_reading[:, row] * by_reading[:, column], axis=1)
+                    covariance[:, place, other] = of_parts[i][1][:, row, column]
         untold = [i for i, name in enumerate(MOTION) if name not in self.told]
         covariance[:, untold, untold] = messages.UNTOLD
         slip = _side_slip(value, covariance, self.told)
@@ -149,7 +146,7 @@ class Readout:
 def _side_slip(value: Array, covariance: Array, told: Sequence[str]) -> Array:
     """Angle, standard deviation and rate (n, 3); zero with an infinite deviation at rest. The rate is not told."""
     found = np.zeros((len(value), 3))
-    forward, lateral = value[:, _FORWARD], value[:, _LATERAL]
+    forward, lateral = np.nan_to_num(value[:, [_FORWARD, _LATERAL]]).T
     rests = np.hypot(forward, lateral) < _SMALLEST_SPEED
     if "side_slip" in told:
         angle, variance = value[:, _SIDE_SLIP], covariance[:, _SIDE_SLIP, _SIDE_SLIP]

@@ -41,6 +41,13 @@ INPUTS = {
     "held_east": FromSensor("course", (0,)),
     "held_north": FromSensor("course", (1,)),
 }
+# Which number of the car (`car_numbers`) is the standard deviation of an input; others are as if without noise.
+NOISE_OF_INPUTS = {
+    **dict.fromkeys(("roll_rate", "pitch_rate", "yaw_rate"), "gyro_noise"),
+    **dict.fromkeys(("acceleration_x", "acceleration_y", "acceleration_z"), "acceleration_noise"),
+    **dict.fromkeys(("spin_rear_left", "spin_rear_right"), "spin_noise"),
+    "steer_angle": "steering_noise",
+}
 SPEED = "speed"  # an input besides: of the rear wheels, or over ground where a vehicle file has no wheel speeds
 SINCE_FIX = "since_fix"  # an input besides: how long ago the last GNSS velocity was [s]
 

@@ -13,7 +13,7 @@ its covariance: as white noise of density 2 τ σ², which moves an integral of 
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from math import atan2, exp, hypot, inf, isfinite, nan, pi, sqrt
 
@@ -168,23 +168,28 @@ class Reckoning:
 
     # Other sensors
 
-    def take(self, sensor: SensorBase, value: Array) -> None:
-        """Take in a reading of a sensor that is not inertial."""
+    def takes(self, sensor: SensorBase) -> Callable[[Array], None] | None:
+        """What takes in a reading of a sensor that is not inertial; None where it says nothing of any axis."""
         if "rolling speed" in sensor.tells:
-            self._wheels(*value[2:4].tolist())
-        elif "steering" in sensor.tells and isfinite(value[0]):
-            self._others[7:9] = value[0], self._others[0]
-        elif "course" in sensor.tells:
-            self._course(*value.tolist())
+            return self._wheels
+        if "steering" in sensor.tells:
+            return self._steering
+        return self._course if "course" in sensor.tells else None
 
-    def _wheels(self, left: float, right: float) -> None:
+    def _wheels(self, value: Array) -> None:
+        left, right = value[2:4].tolist()
         if isfinite(left + right):
-            self._others[5] = (right - left) * self._radius / self._track
-            self._others[6] = self._others[0]
+            now = self._others.item(0)
+            self._others[5:7] = (right - left) * self._radius / self._track, now
             self._speed(0.5 * (left + right) * self._radius)
 
-    def _course(self, east: float, north: float) -> None:
+    def _steering(self, value: Array) -> None:
+        if isfinite(angle := value.item(0)):
+            self._others[7:9] = angle, self._others.item(0)
+
+    def _course(self, value: Array) -> None:
         others, s = self._others, self._settings
+        east, north = value.tolist()
         speed = hypot(east, north)
         if not isfinite(speed):
             return
@@ -197,13 +202,14 @@ class Reckoning:
             others[9:11] = course, others[0]
 
     def _speed(self, speed: float) -> None:
-        others, s = self._others, self._settings
-        elapsed = float(others[0] - others[3])
+        s = self._settings
+        now, _, before, then, change = self._others[:5].tolist()
+        elapsed = now - then
         if elapsed <= 0:
             return
         if elapsed < s.oldest:
-            others[4] += (1 - exp(-elapsed / s.smoothing)) * ((speed - others[2]) / elapsed - others[4])
-        others[2:4] = speed, others[0]
+            change += (1 - exp(-elapsed / s.smoothing)) * ((speed - before) / elapsed - change)
+        self._others[2:5] = speed, now, change
 
     def _target(self) -> tuple[list[float], list[float]]:
         """What the others say of the axes (6,), and how far the car may be from it."""

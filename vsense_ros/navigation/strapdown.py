@@ -4,9 +4,11 @@
 
 GNSS velocity and position are those of the antenna, whose lever arm is estimated too, and of a time that is off by
 `delay`: v(t - d) = v - d v̇, where v̇ is what turning does to v, which a gyro tells better than the accelerometers. A
-wheel neither leaves the road nor slides: in the axes of the car v_z = 0 and, at the rear axle, v_y = 0, each with a
-standard deviation (non-holonomic). The rear wheels tell v_x, by a radius that is learnt; without GNSS that keeps the
-position. A car that stands has no velocity and no rate.
+wheel neither leaves the road nor slides (non-holonomic): in the axes of the car v_z = v_x z and, at the rear axle,
+v_y = v_x s - e r v_x², with the slip of its tyres, e, and the angles s and z by which the car goes aside of its steady
+state and its body pitches on its springs. These stay for seconds: taken for white noise, a hundred times a second, they
+would make the filter ten times too sure. The rear wheels measure v_x, by a radius that is estimated; without GNSS that
+keeps the position. A car that stands has no velocity and no rate.
 """
 
 from __future__ import annotations
@@ -19,11 +21,14 @@ import casadi as ca
 
 from vsense_ros.estimation import attitude
 from vsense_ros.estimation.state_space import Measurement, Named
+from vsense_ros.navigation.inertial import ASIDE, ASIDE_TIME, LINEAR, TYPICAL
 from vsense_ros.navigation.space import Definition, NavigationSpace, Seen, drifting
 
 _AXES = ("x", "y", "z")
 _Q, _V, _P, _G, _A, _L = (slice(0, 4), slice(4, 7), slice(7, 10), slice(10, 13), slice(13, 16), slice(16, 19))
-SLIDING = (0.5, 1.0)  # [m/s] across and up, a hundred times a second
+SLIDING = (0.2, 0.3)  # [m/s] across and up, a hundred times a second, besides the states of it
+SLIPPING = 5e-4  # [m/√s] by which the rolling radius changes where tyres are at `LINEAR`
+PITCHING, PITCHING_TIME = 0.01, 1.0  # [rad], [s] of z: a body dives, squats and heaves
 STANDING_SPEED, STANDING_NOISE = 0.15, (0.05, 0.05, 0.05)  # [m/s]
 
 
@@ -37,6 +42,7 @@ class Strapdown(NavigationSpace):
     names = (
         "q_w", "q_x", "q_y", "q_z", "velocity_east", "velocity_north", "velocity_up", "east", "north", "up",
         *_named("gyro_bias"), *_named("acceleration_bias"), *_named("lever"), "delay", "rolling_radius",
+        "rear_slip", "aside", "pitching",
     )  # fmt: skip
     errors = (*_named("turn"), *names[4:])
     inputs = (
@@ -47,9 +53,10 @@ class Strapdown(NavigationSpace):
     auxiliaries = tuple(f"{name}_{axis}" for name in ("antenna", "on_map", "in_car") for axis in _AXES)
     prior: Mapping[str, float] = {
         "turn_x": 0.05, "turn_y": 0.05, "turn_z": 0.05, **dict.fromkeys(names[4:7], 0.3),
-        **dict.fromkeys(names[7:10], 10.0),
-        **dict.fromkeys(_named("gyro_bias"), 0.02), **dict.fromkeys(_named("acceleration_bias"), 0.3),
+        **dict.fromkeys(names[7:10], 10.0), **dict.fromkeys(_named("gyro_bias"), 0.02),
+        "acceleration_bias_x": 1.0, "acceleration_bias_y": 1.0, "acceleration_bias_z": 1.0,
         **dict.fromkeys(_named("lever"), 0.3), "delay": 0.05, "rolling_radius": 0.01,
+        "rear_slip": TYPICAL["rear_slip"][1], "aside": ASIDE, "pitching": PITCHING,
     }  # fmt: skip
 
     def rates(self, x: Named, u: Named) -> ca.SX:
@@ -64,14 +71,24 @@ class Strapdown(NavigationSpace):
     def transition(self, x: Named, u: Named, theta: Named, h: ca.SX) -> Any:
         q, v, p, moved = x.vector[_Q], x.vector[_V], x.vector[_P], self.acceleration(x, u, theta)
         turned = attitude.retract(q, h * self.rates(x, u))
-        return ca.vertcat(turned, v + h * moved, p + h * v + h**2 / 2 * moved, x.vector[10:])
+        fading = [x.aside * ca.exp(-h / ASIDE_TIME), x.pitching * ca.exp(-h / PITCHING_TIME)]
+        return ca.vertcat(turned, v + h * moved, p + h * v + h**2 / 2 * moved, x.vector[10:-2], *fading)
 
     def noise(self, x: Named, u: Named, theta: Named, h: ca.SX) -> Any:
         rate, force = theta.gyro_noise, theta.acceleration_noise
         rates = dict.fromkeys(("roll_rate", "pitch_rate", "yaw_rate"), rate)
         forces = dict.fromkeys(("acceleration_x", "acceleration_y", "acceleration_z"), force)
-        walk = (*[1e-5] * 3, *[1e-3] * 3, *[1e-5] * 3, 1e-6, 1e-5)
-        return self.sampled(x, u, theta, h, **rates, **forces) + drifting(h, *[1e-6] * 9, *walk)
+        walk = (*[1e-5] * 3, *[1e-3] * 3, *[1e-5] * 3, 1e-6, 1e-5, 1e-5, 0.0, 0.0)
+        strained = (u.acceleration_x**2 + u.acceleration_y**2) / LINEAR**2
+        aside = ASIDE * (1 + (u.acceleration_y / LINEAR) ** 2)
+        strays: list[Any] = [
+            (SLIPPING * strained) ** 2 * h,
+            0.0,
+            aside**2 * (1 - ca.exp(-2 * h / ASIDE_TIME)),
+            PITCHING**2 * (1 - ca.exp(-2 * h / PITCHING_TIME)),
+        ]
+        felt = self.sampled(x, u, theta, h, **rates, **forces)
+        return felt + drifting(h, *[1e-6] * 9, *walk) + ca.diag(ca.vertcat(ca.SX.zeros(19), *strays))
 
     def auxiliary(self, x: Named, u: Named, theta: Named) -> Any:
         """Velocity and position of the antenna in the map, velocity of the car in its axes."""
@@ -94,7 +111,7 @@ class Strapdown(NavigationSpace):
         half = seen.get("yaw", 0.0) / 2
         names = ("velocity_east", "velocity_north", "east", "north", "rolling_radius")
         known = {name: seen[name] for name in names if name in seen}
-        return {"q_w": cos(half), "q_z": sin(half), **known}
+        return {"q_w": cos(half), "q_z": sin(half), "rear_slip": TYPICAL["rear_slip"][0], **known}
 
     def motion(self, x: Named, u: Named, theta: Named) -> dict[str, Any]:
         w, a, b, c = ca.vertsplit(x.vector[_Q])
@@ -124,7 +141,9 @@ def _heading(x: Named, z: Named, u: Named, p: Named) -> ca.SX:
 
 
 def _sliding(x: Named, z: Named, u: Named, p: Named) -> list[ca.SX]:
-    return [z.in_car_y - p.to_rear * (u.yaw_rate - x.gyro_bias_z), z.in_car_z]
+    rate = u.yaw_rate - x.gyro_bias_z
+    steady = p.to_rear * rate - x.rear_slip * rate * z.in_car_x**2
+    return [z.in_car_y - steady - z.in_car_x * x.aside, z.in_car_z - z.in_car_x * x.pitching]
 
 
 VELOCITY = Measurement("gnss_velocity", lambda x, z, u, p: [z.antenna_x, z.antenna_y], (0.1, 0.1))

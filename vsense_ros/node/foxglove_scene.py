@@ -4,7 +4,7 @@ what it could have."""
 from __future__ import annotations
 
 from dataclasses import dataclass
-from math import atan2, cos, hypot, pi, sin
+from math import atan2, cos, hypot, isfinite, pi, sin
 
 from foxglove.messages import (
     ArrowPrimitive,
@@ -80,6 +80,8 @@ class Scene:
 
     def _on_odometry(self, sample: Sample) -> list[tuple[str, SceneUpdate]]:
         place = sample.values["position"].tolist()
+        if not isfinite(sum(place)):  # the filter estimates none
+            return []
         last = self._path[-1] if self._path else None
         if last is None or hypot(place[0] - last[0], place[1] - last[1]) > SETTINGS.path_step:
             self._path.append((place[0], place[1], place[2]))

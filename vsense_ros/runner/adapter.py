@@ -275,6 +275,12 @@ class Adapter(ABC):
         return ""
 
     @property
+    def doubts(self) -> list[str]:
+        """What the drive shows to be wrong in the vehicle file, in words, for the observer's own line of
+        diagnostics."""
+        return []
+
+    @property
     def details(self) -> Mapping[str, str]:
         """What the observer's own line of diagnostics lists besides."""
         return {}

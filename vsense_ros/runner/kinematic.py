@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import replace
+from math import isfinite
 
 import numpy as np
 from numpy.typing import NDArray
@@ -26,6 +27,8 @@ Array = NDArray[np.float64]
 
 _MOVING = 1.0  # [m/s] below it an inertial sensor of coarse resolution may well repeat itself
 _LONGEST_PERIOD = 50_000_000  # [ns] between readings of a sensor that holds between them
+_SURE = 3.0  # standard deviations
+_ELSEWHERE = 0.5  # [m] by which an antenna sits elsewhere than in the vehicle file, from which on that is reported
 _DETERMINED = 0.87  # share of a standard deviation at start, above which the drive has not determined a state
 
 
@@ -40,7 +43,7 @@ class KinematicAdapter(Adapter):
         self.filter, self.sensors = filter, {name: sensors[name] for name in filter.sensors}
         self._list = tuple(self.sensors.values())
         self._names = tuple(self.sensors)
-        self._arms = [_arm(sensor) for sensor in self._list]
+        self._placed = [_placed(sensor) for sensor in self._list]
         self._holds = [_only_drives(sensor, filter) for sensor in self._list]
         self._last: dict[int, int] = {}  # stamps of the newest inertial readings [ns]
         self._beginning = Beginning(filter, car_numbers(vehicle, self._list), self.sensors)
@@ -135,11 +138,8 @@ class KinematicAdapter(Adapter):
     def _in_axes_of_car(self, event: Event) -> Array:
         """The reading in the axes of the car, at cog as far as rates alone determine it."""
         sensor, value = self._list[event.sensor], event.value
-        if "rates and forces" in sensor.tells:
-            value = sensor.in_axes_of_car(value[None])[0].copy()
-            if (arm := self._arms[event.sensor]) is not None:
-                rates = np.where(value[:3] == value[:3], value[:3], 0.0)
-                value[3:6] -= rates * rates.dot(arm) - arm * rates.dot(rates)  # ω × (ω × r)
+        if (placed := self._placed[event.sensor]) is not None:
+            value = placed(value)
         elif "heading" in sensor.tells and (heading := sensor.heading(value, event.variance)) is not None:
             value = np.array([np.cos(heading[0]), np.sin(heading[0])])
         return value
@@ -243,16 +243,45 @@ class KinematicAdapter(Adapter):
         return dict(zip(motions.parameter_names, values, strict=True))
 
     @property
+    def doubts(self) -> list[str]:
+        """Where the antenna sits, if it is surely not where the vehicle file says."""
+        names, belief = self.filter.names, self.filter.belief()
+        if "antenna_ahead" in names:
+            place = names.index("antenna_ahead")
+            ahead, deviation = float(belief.mean[place]), float(belief.covariance[place, place]) ** 0.5
+            if abs(ahead) > max(_ELSEWHERE, _SURE * deviation):
+                where = "ahead of" if ahead > 0 else "behind"
+                return [f"GNSS antenna {abs(ahead):.1f} ± {deviation:.1f} m {where} where the vehicle file says"]
+        return []
+
+    @property
     def details(self) -> Mapping[str, str]:
         return {"filter": self.name}
 
 
-def _arm(sensor: SensorBase) -> Array | None:
-    """From cog to an inertial sensor [m], None where it is there."""
+def _placed(sensor: SensorBase) -> Callable[[Array], Array] | None:
+    """What brings a reading (6,) of an inertial sensor into the axes of the car and, as far as rates alone determine
+    it, to cog; None of a sensor that is there, and of all others."""
     if "rates and forces" not in sensor.tells:
         return None
     arm = sensor.mounting()[:3]
-    return arm if arm.any() else None
+    along, across, up = arm.tolist()
+    turn = sensor.in_axes_of_car(np.eye(6)).T
+    turned = not np.array_equal(turn, np.eye(6))
+
+    def placed(value: Array) -> Array:
+        if turned:
+            value = turn @ value if isfinite(value.dot(value)) else sensor.in_axes_of_car(value[None])[0]
+        if not at_cog:
+            p, q, r = (rate if rate == rate else 0.0 for rate in value[:3].tolist())
+            outward, square = p * along + q * across + r * up, p * p + q * q + r * r
+            value = value - (  # ω × (ω × r)
+                0.0, 0.0, 0.0, p * outward - along * square, q * outward - across * square, r * outward - up * square
+            )  # fmt: skip
+        return value
+
+    at_cog = not arm.any()
+    return placed if turned or not at_cog else None
 
 
 def _only_drives(sensor: SensorBase, filter: Aided) -> bool:

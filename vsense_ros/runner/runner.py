@@ -385,7 +385,7 @@ class Runner:
         condition = self.adapter.condition(converged)
         if not self.heading_known:
             return Diagnostic("observer", Level.WARN, condition, values)
-        doubts = [f"without {suspect.name}" for suspect in self.vote.out]
+        doubts = [*self.adapter.doubts, *(f"without {suspect.name}" for suspect in self.vote.out)]
         if self.vote.open is not None:
             doubts.append(f"sensors contradict each other: {' or '.join(s.name for s in self.vote.open.suspects)}")
         if self.placement is not None:

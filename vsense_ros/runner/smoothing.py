@@ -120,4 +120,4 @@ def follow(
 
 def _as(snapshot: Snapshot, belief: Gaussian, stamp: int) -> Snapshot:
     """A snapshot of one part with another belief."""
-    return Snapshot(stamp, ((belief.mean, belief.covariance, snapshot.parts[0][2]),))
+    return Snapshot(stamp, ((belief.mean, belief.covariance, *snapshot.parts[0][2:]),))
