@@ -69,8 +69,9 @@ class WithFullMatrices:
 
     def propagate(self, h: float, decay: Array, noise: Array) -> None:
         self.blocks.mean[FORWARD] = SPEED  # which corrections have changed
-        more = self.blocks.map_road(h, Process(decay, noise, 0))
+        more = self.blocks.map_road(h, Process(decay, noise[: len(decay)], noise[len(decay) :], 0))
         self.blocks.propagate(self.blocks.transition(h, decay), more)
+        self.blocks.share_torques(noise[len(decay) :])
 
     def correct(
         self, sensed: list[Array], accelerations: bool, biases: slice, value: Array, variance: Array, scale: float,
@@ -156,7 +157,7 @@ class Problem:
 
     def sensed(self, m: int = 6, accelerations: bool = True) -> list[Array]:
         """What a sensor's function returns: expectation and Jacobians."""
-        widths = (1, 14, 14, 14, 7)
+        widths = (1, 14, 14, 14, 7, 1)
         parts = [np.asfortranarray(self.random.normal(size=(m, width))) for width in widths]
         if not accelerations:
             parts[3][:] = 0
@@ -172,13 +173,13 @@ class Problem:
 
     def jacobian(self, sensed: list[Array], accelerations: bool = True, biased: bool = True) -> Array:
         """Dense (m, n) Jacobian of a sensor by the state, by the chain rule."""
-        _, by_q, by_u, by_udot, by_disturbances = sensed
+        _, by_q, by_u, by_udot, by_disturbances, by_biases = sensed
         h = np.zeros((len(by_q), N))
         h[:, Q], h[:, U], h[:, DISTURB] = by_q, by_u, by_disturbances
         if accelerations:
             h += by_udot @ self.through()
         if biased:
-            h[:, BIASES] += np.eye(len(by_q))
+            h[:, BIASES] += np.diag(by_biases[:, 0])
         return h
 
 

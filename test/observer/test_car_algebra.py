@@ -44,10 +44,13 @@ def dense_transition(k: Any, h: float, decay: Array) -> Array:
 
 
 def beside(k: Any, noise: Array) -> Array:
-    """Covariances (n, n) beside the variances that a step adds: tyres turn the body about x and y, too."""
+    """Covariances (n, n) beside the variances that a step adds: tyres turn the body about x and y, too, and torques of
+    two wheels each have a part in common."""
     added = np.zeros((N, N))
     for lever, turned, turning in zip(k.model.levers, (31, 32), (29, 28), strict=True):
         added[[turned, turning], [turning, turned]] = lever * noise[turning - 28]
+    for pair, (i, j) in enumerate(((1, 0), (2, 0), (2, 1), (3, 0), (3, 1), (3, 2))):
+        added[[38 + i, 38 + j], [38 + j, 38 + i]] = noise[N - 28 + pair]
     return added
 
 
@@ -68,7 +71,7 @@ def assert_close(a: Array, b: Array, tolerance: float = 1e-12) -> None:
 def test_the_compiled_algebra_equals_numpy(seed: int) -> None:
     p = problem(seed)
     ours, compiled = p.build(), p.build(InC)
-    decay, noise = p.random.uniform(0.9, 1, N - 28), p.random.uniform(0, 1e-3, N - 28)
+    decay, noise = p.random.uniform(0.9, 1, N - 28), p.random.uniform(0, 1e-3, N - 28 + 6)
     sensed = p.sensed()
     value, variance = sensed[0][:, 0] + p.random.normal(size=6), p.random.uniform(0.1, 1, 6)
     value[2] = np.nan
@@ -117,11 +120,11 @@ def test_the_innovation_is_told_component_by_component_given_those_before(kind: 
 def test_propagation_equals_the_dense_product(kind: Any, seed: int) -> None:
     p = problem(seed)
     k = p.build(kind)
-    decay, noise = p.random.uniform(0.9, 1, N - 28), p.random.uniform(0, 1e-3, N - 28)
+    decay, noise = p.random.uniform(0.9, 1, N - 28), p.random.uniform(0, 1e-3, N - 28 + 6)
     k.transition(0.01)
     f = dense_transition(k, 0.01, decay)
     expected = f @ p.covariance @ f.T
-    expected[range(28, N), range(28, N)] += noise + noise_of_road(k, 0.01)
+    expected[range(28, N), range(28, N)] += noise[: N - 28] + noise_of_road(k, 0.01)
     expected += beside(k, noise)
     k.propagate(0.01, decay, noise)
     assert_close(k.covariance, expected, 1e-11)
@@ -184,13 +187,13 @@ def test_on_a_linear_system_the_error_filter_is_the_kalman_filter(kind: Any) -> 
     for part in p.kinematics:
         part *= 0.1
     k = p.build(kind)
-    decay, noise = p.random.uniform(0.9, 1, N - 28), p.random.uniform(0, 1e-3, N - 28)
+    decay, noise = p.random.uniform(0.9, 1, N - 28), p.random.uniform(0, 1e-3, N - 28 + 6)
     state = p.random.normal(size=N)
     k.transition(0.01)
     oracle = KalmanFilter(dim_x=N, dim_z=6)
     oracle.F = dense_transition(k, 0.01, decay)
     oracle.Q = np.zeros((N, N))
-    oracle.Q[range(28, N), range(28, N)] = noise + noise_of_road(k, 0.01)
+    oracle.Q[range(28, N), range(28, N)] = noise[: N - 28] + noise_of_road(k, 0.01)
     oracle.Q += beside(k, noise)
     oracle.x, oracle.P = state[:, None].copy(), p.covariance.copy()
     variance = np.full(6, 0.5)

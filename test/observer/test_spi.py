@@ -72,7 +72,7 @@ class TestLinearCase:
     def test_two_coupled_filters_are_the_joint_kalman_filter(self, functions: Any, seed: int, drift: float) -> None:
         predict, seen, learn = functions
         p = problem(seed)
-        random, h, decay, noise = p.random, 0.01, np.full(N - 28, 0.97), np.full(N - 28, 1e-3)
+        random, h, decay, noise = p.random, 0.01, np.full(N - 28, 0.97), np.append(np.full(N - 28, 1e-3), np.zeros(6))
         kalman = p.build()
         effect = random.normal(size=(14, 2))
         theta, m = random.normal(size=2), np.diag([2.0, 0.5])
@@ -97,7 +97,7 @@ class TestLinearCase:
             kalman.covariance += added @ added.T
             joint = f @ joint
             spread = f @ spread @ f.T
-            spread[range(28, N), range(28, N)] += noise
+            spread[range(28, N), range(28, N)] += noise[: N - 28]
             for lever, turned, turning in zip(kalman.model.levers, (31, 32), (29, 28), strict=True):
                 spread[[turned, turning], [turning, turned]] += lever * noise[turning - 28]
             for i, (rate, changing, _) in enumerate(kalman.model.roughness):

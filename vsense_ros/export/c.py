@@ -21,6 +21,7 @@ from vsense_ros.export.sources import identifier, in_single_precision, packaged,
 from vsense_ros.files.names import harmless
 from vsense_ros.model.car import steps
 from vsense_ros.model.car.car import Car, car_of
+from vsense_ros.model.constants import GRAVITY
 from vsense_ros.model.coordinates import COORDINATES, DISTURBANCES, INPUTS
 from vsense_ros.model.effects.base import SPACING, RoadEffect
 from vsense_ros.model.parameter import units
@@ -42,6 +43,7 @@ from vsense_ros.observer.road_map import (
 from vsense_ros.observer.sensors import sensors_of
 from vsense_ros.observer.spi import FILTERS as PARAMETER_FILTERS
 from vsense_ros.observer.state import SLOPES, Layout, Prior, U, largest_state, layout, rolling_state
+from vsense_ros.observer.wheel_torques import BRAKING, PAIRS, STANDING
 
 Array = NDArray[np.float64]
 
@@ -74,7 +76,7 @@ _RESULTS = {
     "force": ("filter->added",),
     "internal_state": ("filter->remembered",),
 }
-_SENSED = ("expected", "by_q", "by_u", "by_udot", "by_disturbances")
+_SENSED = ("expected", "by_q", "by_u", "by_udot", "by_disturbances", "by_biases")
 
 
 @dataclass(frozen=True)
@@ -139,9 +141,9 @@ class Observer:
             **(learned if count else {}),
             "reversion_mean": size - U.stop,
             **({"surveyed": SURVEYED} if self.map_origin is not None else {}),
-            "process_length": 1,
+            "process_kind": 1,
             "decay": size - U.stop,
-            "noise": size - U.stop,
+            "noise": size - U.stop + len(PAIRS),
         }
 
 
@@ -237,6 +239,9 @@ class Contents:
         tables = [start, moving, self.vehicle.parameter_vector(), prior.deviation]
         tables += [prior.rate[U.stop :], prior.density[U.stop :], prior.reversion_mean[U.stop :]]
         tables += [prior.levers, prior.roughness, largest_state(self.layout.size)]
+        torques = prior.torques
+        together = [torques.covariance[BRAKING, i, j] for i, j in PAIRS]
+        tables += [torques.rate, torques.covariance, np.array(together)]
         tables += [np.array(effect.profile) for effect in self.observer.profiles]
         return {
             "vehicle": harmless(self.vehicle.name),
@@ -259,7 +264,15 @@ class Contents:
             "start": _table(start),
             "start_by_speed": _table(moving - start),
             "values": _table(self.vehicle.parameter_vector()),
-            "start_variance": _table(prior.deviation**2),
+            "start_variance": _table(np.append(prior.deviation**2, together)),
+            "torques": {
+                "standing": number(STANDING),
+                "gravity": number(GRAVITY),
+                "drag": number(torques.drag),
+                "engine_braking": number(torques.engine_braking),
+                "rate": [_table(row) for row in torques.rate],
+                "covariance": [_table(matrix.ravel()) for matrix in torques.covariance],
+            },
             "decay_rate": _table(prior.rate[U.stop :]),
             "density": _table(prior.density[U.stop :]),
             "reversion_mean": _table(prior.reversion_mean[U.stop :]),

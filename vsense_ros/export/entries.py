@@ -24,7 +24,7 @@ FIELDS = {
     "by_estimates": "the accelerations by them, column-major",
     "reversion_mean": "what the states behind the velocities go back to; a map may tell slopes and their changes",
     "surveyed": "where the road was last looked up, and whether its slopes along and across were known there",
-    "process_length": "for which decay and noise were made [10 us]",
+    "process_kind": "length of the step [5 us] for which decay and noise were made, and whether brakes may act",
     "decay": "of the states behind the velocities in a step",
     "noise": "variance added to them in a step",
 }

@@ -14,6 +14,7 @@ from pydantic import AfterValidator, Field, ValidationError, model_validator
 
 from vsense_ros.model.effects import Effects
 from vsense_ros.model.parameter import Part, Triple, numbers, parameter, vector, with_values
+from vsense_ros.model.schema.drivetrain import Drivetrain
 from vsense_ros.model.schema.linkage import Linkages
 from vsense_ros.model.schema.observer_settings import ObserverSettings
 from vsense_ros.model.schema.physics import NominalPhysics
@@ -62,6 +63,7 @@ class Vehicle(Part):
     suspension: SuspensionTables | None = Field(
         description="kinematics of the suspensions; without, wheels travel on straight guides", default=None
     )
+    drivetrain: Drivetrain = Drivetrain()
     sensors: dict[SensorName, Sensor] = Field(description="sensors by name", default_factory=dict)
     observer: ObserverSettings = ObserverSettings()
     reference: Reference = Reference()
@@ -122,7 +124,8 @@ class Vehicle(Part):
 
     def sensors_of_car(self) -> dict[str, SensorBase]:
         """The sensors with what they take over from the car, as they are without its effects."""
-        return {name: sensor.of_car(self.physics) for name, sensor in self.sensors.items()}
+        around = self.observer.surroundings
+        return {name: s.of_car(self.physics).of_surroundings(around) for name, s in self.sensors.items()}
 
     @classmethod
     def admit_kinds(cls) -> None:

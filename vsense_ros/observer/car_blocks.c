@@ -16,6 +16,7 @@
 #define ROAD 5    /* the first of the disturbances: slopes of the road along and across, their changes, height */
 #define SURFACE 4 /* all of these but the height */
 #define SLOW (2 * MODEL) /* the first of the states that decay on their own */
+#define SPIN 10 /* the first of the wheels' spins among the coordinates */
 #define GAIN (DYNAMIC + MODEL + MODEL + DISTURB)
 #define BODY 6 /* the pose of the chassis, and how it moves */
 #define FOLLOWED (BODY + SURFACE)
@@ -40,7 +41,7 @@ struct model {
 struct sensed {
     int components, uses_acceleration, first_bias, biases;
     const double *value, *variance;
-    double *expected, *by_q, *by_u, *by_udot, *by_disturbances;
+    double *expected, *by_q, *by_u, *by_udot, *by_disturbances, *by_biases; /* each component by its own bias */
 };
 
 /* Parameters that are estimated along with the state; parameter_filter.py says how. */
@@ -260,7 +261,8 @@ static void propagate_road(const struct model *model) {
     memcpy(p + first * n, rows, sizeof rows);
 }
 
-/* Variances of the states behind the velocities, n - SLOW. Errors of the forces along and across the car are the tyres',
+/* Variances of the states behind the velocities, n - SLOW, and then covariances of the errors of two wheels' torques
+ * each, 6: a differential drives two alike, brakes act on all. Errors of the forces along and across the car are the tyres',
  * which act on the road below cog: they turn the body too, by `levers` about x and y [rad/m]. */
 static void add_noise(const struct model *model, const double *noise) {
     double *const p = model->covariance + SLOW * (n + 1);
@@ -272,10 +274,15 @@ static void add_noise(const struct model *model, const double *noise) {
         p[turned * n + turning[i]] += shared;
         p[turning[i] * n + turned] += shared;
     }
+    for (int i = 0, pair = n - SLOW; i < 4; i++)
+        for (int j = 0; j < i; j++, pair++) {
+            p[(SPIN + i) * n + SPIN + j] += noise[pair];
+            p[(SPIN + j) * n + SPIN + i] += noise[pair];
+        }
 }
 
-/* Covariance after the step; `decay` and `noise` (n - SLOW) belong to the states behind the velocities, of which the
- * road under the car has its own. */
+/* Covariance after the step; `decay` (n - SLOW) and `noise` as in `add_noise` belong to the states behind the
+ * velocities, of which the road under the car has its own. */
 static void propagate(const struct model *model, double h, double speed, const double *decay, const double *noise) {
     double *const p = model->covariance, one[STATES], changes[2];
     road_map(model, h, speed, changes);
@@ -338,7 +345,7 @@ static void sensed_row(const struct model *model, const struct sensed *sensed, i
             row[2 * MODEL + k] = f;
             for (int j = 0; j < DISTURB; j++) row[3 * MODEL + j] += f * model->by_disturbances[j * MODEL + k];
         }
-    if (sensed->biases) row[sensed->first_bias + i] = 1;
+    if (sensed->biases) row[sensed->first_bias + i] = sensed->by_biases[i];
 }
 
 /* Keeps the whitened innovation and the factor of its covariance. */

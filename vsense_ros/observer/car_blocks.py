@@ -45,6 +45,7 @@ from vsense_ros.observer.state import (
     ROAD_STATES,
     SLOPE_CHANGES,
     SLOPES,
+    SPIN_FORCES,
     TWIST,
     Prior,
     Q,
@@ -52,10 +53,12 @@ from vsense_ros.observer.state import (
     couple,
     rolling_state,
 )
+from vsense_ros.observer.wheel_torques import PAIRS
 
 Array = NDArray[np.float64]
 
 _UNIT = np.eye(COORDINATES)
+TORQUE_PAIRS = tuple(np.array(PAIRS).T)
 _OF_FORCES = np.concatenate([DYNAMIC, np.arange(U.start, U.stop), np.arange(DISTURB.start, DISTURB.stop)])
 TWIST_SIZE = TWIST.stop - TWIST.start
 ROAD_SLOW = slice(ROAD_STATES.start - SLOW, ROAD_STATES.stop - SLOW)  # of the states behind the velocities
@@ -113,6 +116,7 @@ class CarBlocks(CarMemory):
         self.advanced.call()
         noise = self.map_road(h, process)
         self.propagate(self.transition(h, process.decay), noise)
+        self.share_torques(process.shared)
         coordinates, velocities = self.advanced.results
         self.move(coordinates[:, 0], velocities[:, 0], h, process)
         self.linearize()
@@ -181,6 +185,12 @@ class CarBlocks(CarMemory):
         np.multiply(0.5, moved + moved.T, out=self.covariance)
         self.add_noise(noise)
 
+    def share_torques(self, shared: Array) -> None:
+        """Add covariances (6,) of the errors of two wheels' torques each, as `PAIRS`."""
+        spin = self.covariance[SPIN_FORCES, SPIN_FORCES]
+        spin[TORQUE_PAIRS] += shared
+        spin.T[TORQUE_PAIRS] += shared
+
     def add_noise(self, noise: Array) -> None:
         """Add variances (k,) to those of the last k states, and what belongs beside them."""
         n = self.layout.size
@@ -222,10 +232,10 @@ class CarBlocks(CarMemory):
 
     def through_wheels(self) -> tuple[Array, Array]:
         """Derivatives by the errors: of force x, y, z and aligning moment of each wheel as the model has them, (16, n),
-        and of the generalized forces along y and about z that it lacks, (2, n)."""
+        and of the generalized forces along x and y and about z that it lacks, (3, n)."""
         self._wheel_forces.call()
         derivative, mass = self._wheel_forces.results
-        by_error, lacking = np.zeros((len(derivative), self.layout.size)), np.zeros((2, self.layout.size))
+        by_error, lacking = np.zeros((len(derivative), self.layout.size)), np.zeros((3, self.layout.size))
         by_error[:, _OF_FORCES] = derivative
         lacking[:, FORCE] = mass
         return by_error, lacking
@@ -233,13 +243,13 @@ class CarBlocks(CarMemory):
     def sense(self, sensor: str, value: Array) -> tuple[Array, Array]:
         known = self.sensed[sensor]
         known.kernel.call()
-        expected, by_q, by_u, by_udot, by_disturbances = known.kernel.results
+        expected, by_q, by_u, by_udot, by_disturbances, by_biases = known.kernel.results
         h = by_udot.dot(self.through()) if known.uses_acceleration else np.zeros((len(expected), self.layout.size))
         h[:, Q] += by_q
         h[:, U] += by_u
         h[:, DISTURB] += by_disturbances
         biases = known.biases
-        h[:, biases] += np.eye(len(h))[:, : biases.stop - biases.start]
+        h[:, biases] += np.diag(by_biases[:, 0])[:, : biases.stop - biases.start]
         return value - expected[:, 0], h
 
     def retract(self, error: Array) -> None:

@@ -31,7 +31,8 @@ static int is_valid(const struct live *live) {
     return filter_is_valid(live->filter.state, live->filter.model.covariance, live->largest);
 }
 
-/* `process`: decay and then variance of the states behind the velocities, n - SLOW each. */
+/* `process`: decay and then variance of the states behind the velocities, n - SLOW each, and covariances as in
+ * `add_noise`. */
 static int step(const struct live *live, const double *process) {
     if (!filter_predict(&live->filter, *live->h, process, process + n - SLOW)) return 0;
     filter_linearize(&live->filter);

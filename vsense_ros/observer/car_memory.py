@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from vsense_ros.codegen import Kernel
 from vsense_ros.model.car.car import Car, car_of
 from vsense_ros.model.car.steps import compiled_wheel_forces, model_functions, sensor_functions
-from vsense_ros.model.coordinates import COORDINATES, INPUTS, ROAD
+from vsense_ros.model.coordinates import COORDINATES, INPUTS, ROAD, SPIN
 from vsense_ros.model.sensors import SensorBase
 from vsense_ros.model.vehicle import Vehicle
 from vsense_ros.observer.state import (
@@ -30,6 +30,7 @@ from vsense_ros.observer.state import (
     largest_state,
     layout,
 )
+from vsense_ros.observer.wheel_torques import BRAKING, PAIRS
 
 Array = NDArray[np.float64]
 
@@ -43,25 +44,28 @@ class Sensed:
     """What the filter needs of a sensor: its function, bound to the state, and where its biases stand."""
 
     index: int
-    kernel: Kernel  # results: expected (m, 1), and Jacobians by q, u, udot, disturbances
+    kernel: Kernel  # results: expected (m, 1), Jacobians by q, u, udot, disturbances, and by its own bias
     biases: slice
     uses_acceleration: bool
     mounting: Array
 
 
 class Process(NamedTuple):
-    """Decay of the states behind the velocities within some time and variance that it adds to them, (n - 28,) each, and
-    where the two stand, one after the other."""
+    """Decay of the states behind the velocities within some time and variance that it adds to them, (n - 28,) each;
+    covariances that it adds to the errors of the torques of two wheels each (6,), as `PAIRS`; and where the three
+    stand, one after the other."""
 
     decay: Array
     noise: Array
+    shared: Array
     address: int
 
     @classmethod
-    def of(cls, decay: Array, noise: Array) -> Process:
-        """With both in one array, as C reads them."""
-        both = np.array([decay, noise])
-        return cls(both[0], both[1], both.ctypes.data)
+    def of(cls, decay: Array, noise: Array, shared: Array) -> Process:
+        """A process whose numbers stand in one array, as C reads them."""
+        together = np.concatenate([decay, noise, shared])
+        size = len(decay)
+        return cls(together[:size], together[size : 2 * size], together[2 * size :], together.ctypes.data)
 
 
 class CarMemory:
@@ -86,7 +90,8 @@ class CarMemory:
         self._allocate(extra)
         self._bind(self.car, sensors)
         self.largest = largest_state(self.layout.size)
-        self._processes: dict[int, Process] = {}
+        self._processes: dict[tuple[int, int], Process] = {}
+        self._torques_alike = self.prior.torques.alike
 
     def _allocate(self, extra: int) -> None:
         n = self.layout.size
@@ -151,16 +156,35 @@ class CarMemory:
         self._distances = np.array([names.index(f"chassis.cog_to_{axle}_axle") for axle in ("front", "rear")])
 
     def process(self, h: float) -> Process:
-        """What happens within `h` [s] to the states behind the velocities.
+        """What happens within `h` [s] to the states behind the velocities, with brakes as they are now.
 
         Kept for steps of equal length to 10 µs: a thousandth of a step changes less than the settings are known to.
         """
-        length = max(round(h * 1e5), 1)
-        known = self._processes.get(length)
+        key = max(round(h * 1e5), 1), BRAKING if self._torques_alike else self.brakes
+        known = self._processes.get(key)
         if known is None:
-            h = length * 1e-5
-            prior = self.prior
-            decay = np.exp(-h * prior.rate[SLOW:])
-            noise = prior.deviation[SLOW:] ** 2 * (1 - decay**2) + prior.density[SLOW:] * h
-            known = self._processes[length] = Process.of(decay, noise)
+            known = self._processes[key] = self._process(key[0] * 1e-5, key[1])
         return known
+
+    @property
+    def brakes(self) -> int:
+        """`BRAKING` while the car decelerates as if it were braked or stands, else `RELEASED`."""
+        return self.prior.torques.mode(self.udot, self.mean[U], self.mean[DISTURB])
+
+    @property
+    def longitudinal_shares(self) -> Array:
+        """Share of each wheel in the longitudinal force that the model lacks, (4,); zero where no axle is known to be
+        driven."""
+        shares = self.prior.torques.shares
+        return shares[self.brakes] if shares.any() else shares[BRAKING]
+
+    def _process(self, h: float, brakes: int) -> Process:
+        """What happens within `h` [s] with brakes like these."""
+        prior, torques = self.prior, self.prior.torques
+        rate, deviation = prior.rate[SLOW:].copy(), prior.deviation[SLOW:].copy()
+        rate[SPIN], deviation[SPIN] = torques.rate[brakes], np.sqrt(torques.covariance[brakes].diagonal())
+        decay = np.exp(-h * rate)
+        noise = deviation**2 * (1 - decay**2) + prior.density[SLOW:] * h
+        spin = decay[SPIN]
+        shared = [torques.covariance[brakes, i, j] * (1 - spin[i] * spin[j]) for i, j in PAIRS]
+        return Process.of(decay, noise, np.array(shared))

@@ -41,7 +41,7 @@ class SensedStructure(ctypes.Structure):
     _fields_ = [
         *((name, _INTEGER) for name in ("components", "uses_acceleration", "first_bias", "biases")),
         *((name, ADDRESS) for name in ("value", "variance")),
-        *((name, ADDRESS) for name in ("expected", "by_q", "by_u", "by_udot", "by_disturbances")),
+        *((name, ADDRESS) for name in ("expected", "by_q", "by_u", "by_udot", "by_disturbances", "by_biases")),
     ]
 
 

@@ -40,6 +40,9 @@ class WholeCar(CarBlocks):
     def propagate(self, f: Array, noise: Array) -> None:
         super().propagate(f, self.noise(float(self.h[0]), noise))
 
+    def share_torques(self, shared: Array) -> None:
+        """Errors of the wheels' torques are noise of the velocities here, and independent."""
+
     def retract(self, error: Array) -> None:
         super().retract(error)
         self.linearize()  # what the next sensor is compared with

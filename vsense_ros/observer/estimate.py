@@ -15,6 +15,7 @@ from vsense_ros.messages.recording import Sample
 from vsense_ros.model.car.pose import angles, orientation_on_map, position_on_map
 from vsense_ros.model.coordinates import (
     BANK,
+    FORCE_X,
     GRADE,
     GRADE_CHANGE,
     RATES,
@@ -24,6 +25,7 @@ from vsense_ros.model.coordinates import (
     VELOCITY,
     WHEELS,
     YAW,
+    X,
     Y,
 )
 from vsense_ros.model.sensors.wheel_speeds import NAMES as WHEEL_NAMES
@@ -39,6 +41,7 @@ _NEXT, _AFTER_NEXT = [1, 2, 0], [2, 0, 1]  # of three axes
 _POSE_AND_ROAD = np.ix_(*[[*range(6), *(DISTURB.start + i for i in (ROAD_HEIGHT, BANK, GRADE))]] * 2)
 _OVER_AND_OF_ROAD = np.column_stack([np.eye(6), [0, 0, 1, 0, 0, 0], [0, 0, 0, 1, 0, 0], [0, 0, 0, 0, -1, 0]])
 _VELOCITY, _RATES = (slice(TWIST.start + part.start, TWIST.start + part.stop) for part in (slice(0, 3), slice(3, 6)))
+_LONGITUDINAL_FORCES = slice(0, None, 4)
 _LATERAL_FORCES = slice(1, None, 4)  # of force x, y, z and moment of each wheel
 # A vector a times this is the matrix (3, 3) that makes a × b of b.
 _ACROSS = np.zeros((3, 3, 3))
@@ -68,6 +71,7 @@ class Estimate:
     # (6,) force [N] and moment [N m] of the tyres beyond what the inertial sensor feels, as `model.car.balance` and
     # low-passed; NaN while it is not heard.
     unbalanced: Array = field(default_factory=lambda: np.full(6, np.nan))
+    longitudinal_shares: Array = field(default_factory=lambda: np.zeros(4))  # as `CarMemory`
 
     @classmethod
     def of(cls, stamp: int, filter: CarFilter) -> Estimate:
@@ -87,6 +91,7 @@ class Estimate:
             filter.car.axle_distances,
             np.empty((6, 6)),
             np.empty((4, 4)),
+            longitudinal_shares=filter.car.longitudinal_shares.copy(),
         )
         _fill_variances(made, filter.car, covariance)
         return made
@@ -156,9 +161,12 @@ class Estimate:
 
     @cached_property
     def wheels(self) -> Array:
-        """As Car.wheel_outputs, lateral forces with the error that the filter found, (7, 4)."""
-        steering = self.inputs[..., 0] - self.state[..., DISTURB.start + STEERING_OFFSET]
-        return with_lateral_error(self.model_wheels, self.state[..., FORCE], steering, self.axle_distances)
+        """Forces and slips as Car.wheel_outputs, corrected by the longitudinal and lateral force that the model lacks,
+        (7, 4)."""
+        steering, force = self.inputs[..., 0] - self.state[..., DISTURB.start + STEERING_OFFSET], self.state[..., FORCE]
+        wheels = with_lateral_error(self.model_wheels, force, steering, self.axle_distances)
+        wheels[..., FORCE_X, :] += longitudinal_part(self.longitudinal_shares, steering) * force[..., X, None]
+        return wheels
 
     @property
     def wheel_torques(self) -> Array:
@@ -214,11 +222,12 @@ def _fill_variances(e: Estimate, car: CarBlocks, belief: Array) -> None:
     by_error[:3, _RATES] -= e.velocity.dot(_ACROSS)
     e.acceleration_covariance[:] = by_error @ covariance @ by_error.T
 
-    by_error, lacking = car.through_wheels()
+    by_error, (along, across, about) = car.through_wheels()
     to_front, to_rear = e.axle_distances
-    front = (to_rear * lacking[0] + lacking[1]) / (to_front + to_rear)
-    cosine = np.cos(e.inputs[0] - e.state[DISTURB.start + STEERING_OFFSET])
-    of_axles = np.array([front / cosine, lacking[0] - front])  # as in `with_lateral_error`
+    front = (to_rear * across + about) / (to_front + to_rear)
+    steering = e.inputs[0] - e.state[DISTURB.start + STEERING_OFFSET]
+    of_axles = np.array([front / np.cos(steering), across - front])  # as in `with_lateral_error`
+    by_error[_LONGITUDINAL_FORCES] += np.outer(longitudinal_part(e.longitudinal_shares, steering), along)
     by_error[_LATERAL_FORCES] += (_shares(e.model_wheels[2])[..., None] * of_axles[:, None]).reshape(4, -1)
     variance = np.einsum("ij,ij->i", by_error @ covariance, by_error).reshape(4, 4).T
     mass = car.vehicle.physics.chassis.mass
@@ -257,8 +266,6 @@ def with_lateral_error(wheels: Array, force: Array, steering: Array | float, axl
     so they get it: force and moment determine the sum of each axle, F_f + F_r = ΔQ_y and l_f F_f - l_r F_r = ΔQ_ψ,
     and its two tyres share it in proportion to their loads, as an error of the friction would be shared. With a
     friction of 0.6 or 0.8 where the model has 1.0 this takes more than half of the error of the lateral forces away.
-    The longitudinal error stays where it is: torque and force of a wheel cannot be told apart where neither is
-    measured, and a wrong guess is worse than none.
     """
     to_front, to_rear = axle_distances[..., 0], axle_distances[..., 1]
     lateral, yaw = force[..., Y], force[..., YAW]
@@ -267,6 +274,19 @@ def with_lateral_error(wheels: Array, force: Array, steering: Array | float, axl
     corrected[..., 1, :2] += (front / np.cos(steering))[..., None] * share[..., 0, :]
     corrected[..., 1, 2:] += (lateral - front)[..., None] * share[..., 1, :]
     return corrected
+
+
+def longitudinal_part(shares: Array, steering: Array | float) -> Array:
+    """Longitudinal force of each wheel (…, 4) per longitudinal force that the model lacks, by `longitudinal_shares`
+    (…, 4) and the road-wheel angle [rad] (…).
+
+    What drives or brakes a car acts at its wheels. Slip determines the force of a wheel only as well as its radius and
+    stiffness are known, while the inertial sensor determines the sum. Where it is not known which wheels are driven,
+    the shares are zero: then a wrong guess would be worse than none.
+    """
+    part = shares.copy()
+    part[..., :2] /= np.cos(steering)[..., None] if np.ndim(steering) else np.cos(steering)
+    return part
 
 
 def _shares(load: Array) -> Array:

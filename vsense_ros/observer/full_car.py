@@ -89,6 +89,7 @@ class FullCarBlocks(CarBlocks):
             raise FloatingPointError(str(error)) from None
         noise = self.map_road(h, process)
         self.propagate(self.transition(h, process.decay), noise)
+        self.share_torques(process.shared)
         self.move(plant.q, plant.u, h, process)
         self._keep()
         self.linearize()

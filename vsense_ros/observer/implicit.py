@@ -114,6 +114,7 @@ class ImplicitCar(CarBlocks):
             moved = self.advanced.results[0][:, 0], self.advanced.results[1][:, 0]
         noise = self.map_road(h, process)
         self.propagate(self.transition(h, process.decay), noise)
+        self.share_torques(process.shared)
         self.move(*moved, h, process)
         self.linearize()
 

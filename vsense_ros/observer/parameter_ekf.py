@@ -30,15 +30,15 @@ class ParameterEkf(ParameterFilter):
         effect = ca.SX.sym("effect", COORDINATES, k)
         bias, mounting = ca.SX.sym("biases", len(sensor.biases())), ca.SX.sym("mounting", len(sensor.mounting()))
         by_q, by_u, by_udot = (ca.SX.sym(name, m, COORDINATES) for name in ("by_q", "by_u", "by_udot"))
-        by_disturbances = ca.SX.sym("by_disturbances", m, len(DISTURBANCES))
+        by_disturbances, by_biases = ca.SX.sym("by_disturbances", m, len(DISTURBANCES)), ca.SX.sym("by_biases", m)
         innovation = by_q @ s[Q, :] + by_u @ s[U, :] + by_disturbances @ s[DISTURB, :]
         if sensor.uses_acceleration:
             innovation += by_udot @ (self.through(s) + effect)
         if biases.stop > biases.start:
-            innovation += s[biases, :]
+            innovation += ca.repmat(by_biases, 1, k) * s[biases, :]
         root = ca.chol(self.covariance).T
         return ca.Function(
             "spread",
-            [*self.arguments, effect, bias, mounting, by_q, by_u, by_udot, by_disturbances],
+            [*self.arguments, effect, bias, mounting, by_q, by_u, by_udot, by_disturbances, by_biases],
             [ca.densify(innovation @ root), ca.densify(root)],
         )

@@ -86,8 +86,8 @@ class ParameterFilter(ABC):
 
     @abstractmethod
     def spread(self, sensor: SensorBase, biases: slice) -> ca.Function:
-        """(arguments, effect, biases, mounting, Jacobians of the sensor by q, u, udot, disturbances) → Y (m×p),
-        D (k×p)."""
+        """(arguments, effect, biases, mounting, Jacobians of the sensor by q, u, udot, disturbances, and of its
+        components by their own biases) → Y (m×p), D (k×p)."""
 
     def through(self, by: ca.SX) -> ca.SX:
         """What errors of the state (n×k) do to the accelerations (14×k)."""
@@ -142,7 +142,8 @@ class ParameterFilter(ABC):
         m, p = len(sensor.deviations()), self.width
         variance, whitened = (ca.SX.sym(s, m) for s in ("variance", "whitened"))
         transposed = ca.SX.sym("factor", m, m)
-        by = [ca.SX.sym(s, m, c) for s, c in (("by_q", 14), ("by_u", 14), ("by_udot", 14), ("by_s", len(DISTURBANCES)))]
+        sizes = {"by_q": 14, "by_u": 14, "by_udot": 14, "by_disturbances": len(DISTURBANCES), "by_biases": 1}
+        by = [ca.SX.sym(name, m, columns) for name, columns in sizes.items()]
         y = ca.SX.sym("Y", m, p)
         present = ca.fabs(whitened) < np.inf  # false for NaN
         weighted = ca.repmat(ca.if_else(present, 1 / variance, 0), 1, p) * y
@@ -157,7 +158,7 @@ class ParameterFilter(ABC):
             v[FORCE, :] = accelerations
             v[DISTURB, :] += self.by_disturbances.T @ accelerations
         if biases.stop > biases.start:
-            v[biases, :] = weighted
+            v[biases, :] = ca.repmat(by[4], 1, p) * weighted
         model = [self.by_q, self.by_u, self.by_disturbances]
         weigh = ca.Function(
             "weigh",
@@ -173,7 +174,7 @@ class ParameterFilter(ABC):
         spread, d = self.spread(sensor, biases)(*arguments, effect, bias, mounting, *sensed)
         found = weigh(*arguments[7:10], *measured, *sensed, spread)
         return codegen.function(
-            name, [*arguments, effect, bias, mounting, *measured, *sensed], [*found, d], numbered(len(arguments) + 10)
+            name, [*arguments, effect, bias, mounting, *measured, *sensed], [*found, d], numbered(len(arguments) + 11)
         )
 
     def learn(self) -> ca.Function:

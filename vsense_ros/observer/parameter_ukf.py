@@ -95,7 +95,7 @@ class ParameterUkf(ParameterFilter):
         arguments = [ca.MX.sym("a", *a.shape) for a in self.arguments]
         effect = ca.MX.sym("effect", COORDINATES, self.count)
         bias, mounting = ca.MX.sym("biases", len(sensor.biases())), ca.MX.sym("mounting", len(sensor.mounting()))
-        jacobians = [ca.MX.sym("by", m, columns) for columns in (14, 14, 14, len(DISTURBANCES))]
+        jacobians = [ca.MX.sym("by", m, columns) for columns in (14, 14, 14, len(DISTURBANCES), 1)]
         q, u, _, around, inputs = (ca.repmat(a, 1, p) for a in arguments[:5])
         udot = ca.repmat(arguments[6], 1, p)
         deviation, of_state = self._deviations(arguments)

@@ -33,14 +33,16 @@ from vsense_ros.model.coordinates import (
     Z,
 )
 from vsense_ros.model.schema.observer_settings import Disturbances
-from vsense_ros.model.sensors import Bias, SensorBase, WheelTorques
+from vsense_ros.model.sensors import Bias, SensorBase
 from vsense_ros.model.sensors.wheel_speeds import LOADED
 from vsense_ros.model.vehicle import Vehicle
+from vsense_ros.observer.wheel_torques import BRAKING, TorqueErrors
 
 Array = NDArray[np.float64]
 
 # Parts of the state.
 Q, U, FORCE = (slice(i * COORDINATES, (i + 1) * COORDINATES) for i in range(3))
+SPIN_FORCES = slice(FORCE.start + SPIN.start, FORCE.start + SPIN.stop)
 DISTURB = slice(FORCE.stop, FORCE.stop + len(DISTURBANCES))
 SLOPES = slice(DISTURB.start + GRADE, DISTURB.start + BANK + 1)  # of the road, along and across
 SLOPE_CHANGES = slice(DISTURB.start + GRADE_CHANGE, DISTURB.start + BANK_CHANGE + 1)  # along the way
@@ -93,18 +95,14 @@ class Prior:
     # (2, 3) of grade and bank: one over the distance along which their change is forgotten [1/m], its variance
     # [rad²/m²], and what their own distance from the mean adds to its own rate [1/m²]
     roughness: Array
+    torques: TorqueErrors  # of the wheels; rows and columns of their spins are those of brakes that may act
 
     @classmethod
     def of(cls, vehicle: Vehicle, sensors: dict[str, SensorBase]) -> Prior:
-        """Of a vehicle with these sensors."""
-        where = layout(sensors)
+        """What is known of a vehicle with these sensors."""
+        where, torques = layout(sensors), TorqueErrors.of(vehicle, sensors)
         errors, around = vehicle.observer.force_errors, vehicle.observer.surroundings
-        rolling = any("rolling speed" in sensor.tells for sensor in sensors.values())
-        spin = [errors.wheel_spin if rolling else 0.0] * 4
-        for sensor in sensors.values():
-            if isinstance(sensor, WheelTorques):
-                axles = (vehicle.physics.front, vehicle.physics.rear)
-                spin = [sensor.noise / axle.wheel_spin_inertia for axle in axles for _ in range(2)]
+        spin = np.sqrt(torques.covariance[BRAKING].diagonal()).tolist()
         body = [errors.longitudinal, errors.lateral, errors.vertical, errors.roll, errors.pitch, errors.yaw]
         deviation = np.zeros(where.size)
         deviation[Q] = [100.0, 100.0, 0.02, 0.02, 0.02, np.pi, *[0.01] * 4, *[1e-3] * 4]
@@ -124,7 +122,7 @@ class Prior:
             deviation[DISTURB][ROAD_HEIGHT] = _HEIGHT  # over an origin that somebody else may have chosen
         time_constant = np.full(where.size, np.inf)
         time_constant[FORCE] = errors.time_constant
-        time_constant[FORCE][SPIN] = errors.wheel_spin_time_constant
+        time_constant[FORCE][SPIN] = 1 / torques.rate[BRAKING]
         drift = np.zeros(where.size)
         drift[DISTURB][-2:] = around.steering_offset_drift, around.radius_error_drift
         for sensor, part in zip(sensors.values(), where.biases, strict=True):
@@ -135,13 +133,14 @@ class Prior:
         reversion_mean = np.zeros(where.size)
         reversion_mean[SLOPES] = np.sum([effect.mean_slope for effect in vehicle.physics.effects.present()], axis=0)
         density = np.where(np.isinf(time_constant), drift**2, 0.0)
-        return cls(deviation, 1 / time_constant, density, reversion_mean, levers, _roughness(around))
+        return cls(deviation, 1 / time_constant, density, reversion_mean, levers, _roughness(around), torques)
 
     @property
     def covariance(self) -> Array:
         """Of the errors at start, (n, n)."""
         found = np.diag(self.deviation**2)
         couple(found, found.diagonal()[FORCE].copy(), FORCE.start, self.levers)
+        found[SPIN_FORCES, SPIN_FORCES] = self.torques.covariance[BRAKING]
         return found
 
     def placed(self) -> Prior:

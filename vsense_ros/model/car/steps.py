@@ -33,6 +33,7 @@ from vsense_ros.model.coordinates import (
     TWIST,
     WHEELS,
     YAW,
+    X,
     Y,
     Z,
 )
@@ -253,12 +254,12 @@ def force_function(car: Car) -> ca.Function:
 
 def wheel_force_function(car: Car) -> ca.Function:
     """(…) → derivatives of force x, y, z and aligning moment of each wheel, fl, fr, rl, rr, by `DYNAMIC_COORDINATES`, u
-    and disturbances (16×28); rows y and yaw of the mass matrix (2×14)."""
+    and disturbances (16×28); rows x, y and yaw of the mass matrix (3×14)."""
     columns = [*DYNAMIC_COORDINATES, *range(COORDINATES, 2 * COORDINATES + len(DISTURBANCES))]
     state = ca.vertcat(car.q, car.u, car.disturbances)
     derivative = ca.jacobian(ca.vec(car.wheel_outputs[:4, :]), state)[:, columns]
     acceleration = ca.SX.sym("acceleration", COORDINATES)
-    mass = ca.jacobian(car.inertia_times(acceleration)[[Y, YAW]], acceleration)
+    mass = ca.jacobian(car.inertia_times(acceleration)[[X, Y, YAW]], acceleration)
     return codegen.function("wheel_forces", _arguments(car), [derivative, mass], _names(car))
 
 
@@ -270,15 +271,16 @@ def internal_state_function(car: Car) -> ca.Function:
 
 def sensor_function(car: Car, sensor: SensorBase) -> ca.Function:
     """(q, u, udot, disturbances, inputs, biases, mounting) → measurement (m), and its Jacobians by q (m×14), u (m×14),
-    udot (m×14), disturbances (m×7); by the biases it is the unit matrix if there are any."""
+    udot (m×14), disturbances (m×7); of each component by its own bias (m), zero for a sensor without biases."""
     udot = ca.SX.sym("udot", COORDINATES)
     biases = ca.SX.sym("biases", len(sensor.biases()))
     mounting = ca.SX.sym("mounting", len(sensor.mounting()))
     value = sensor.equation(motion_of(car.q, car.u, udot, car.disturbances, car.inputs), biases, mounting)
+    by_biases = ca.diag(ca.jacobian(value, biases)) if biases.numel() else ca.SX(value.numel(), 1)
     return codegen.function(
         f"sense_{sensor.kind}",
         [car.q, car.u, udot, car.disturbances, car.inputs, biases, mounting],
-        [value, *(ca.jacobian(value, s) for s in (car.q, car.u, udot, car.disturbances))],
+        [value, *(ca.jacobian(value, s) for s in (car.q, car.u, udot, car.disturbances)), ca.densify(by_biases)],
         ("q", "u", "udot", "disturbances", "inputs", "biases", "mounting"),
     )
 

@@ -15,6 +15,7 @@ from pydantic import Field
 
 from vsense_ros.model.motion import Motion
 from vsense_ros.model.parameter import Part, parameter
+from vsense_ros.model.schema.observer_settings import Disturbances
 from vsense_ros.model.schema.physics import NominalPhysics
 from vsense_ros.model.sensors.simulated import Content, Sampling, SimulatedDrive
 
@@ -219,6 +220,10 @@ class SensorBase(Part):
 
     def of_car(self, physics: NominalPhysics) -> SensorBase:
         """The sensor with what it takes over from the car."""
+        return self
+
+    def of_surroundings(self, around: Disturbances) -> SensorBase:
+        """The sensor with what it takes over from the observer's settings."""
         return self
 
     def biases(self) -> tuple[Bias, ...]:

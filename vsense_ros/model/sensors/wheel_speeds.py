@@ -10,11 +10,13 @@ import numpy as np
 from vsense_ros.model.coordinates import SPIN, WHEELS
 from vsense_ros.model.motion import Motion
 from vsense_ros.model.parameter import parameter
+from vsense_ros.model.schema.observer_settings import Disturbances
 from vsense_ros.model.schema.physics import NominalPhysics
-from vsense_ros.model.sensors.base import ComparedSignal, Component, JointSensor, Names, Tells, Vector
-from vsense_ros.model.sensors.simulated import Sampling
+from vsense_ros.model.sensors.base import Bias, ComparedSignal, Component, JointSensor, Names, Tells, Vector
+from vsense_ros.model.sensors.simulated import Sampling, SimulatedDrive
 
 NAMES = tuple(f"wheel_{wheel}" for wheel in WHEELS)
+SPREAD = 0.3  # share of the error of the radius that wheels of a car do not have in common: wear, pressure, load
 LOADED = 0.98  # rolling radius of a tyre under a car over its unloaded one, about
 
 
@@ -55,12 +57,37 @@ class WheelSpeeds(JointSensor):
     kind: Literal["wheel_speeds"] = "wheel_speeds"
     topic: str = "vehicle/wheel_speeds"
     noise: float = parameter("rad/s", "standard deviation", gt=0, default=0.05)
+    radius_error: float | None = parameter(
+        "-", "standard deviation of the relative error of each wheel's radius beyond that which all have in common; "
+        f"default: {SPREAD:g} of observer.surroundings.radius_error", ge=0, default=None,
+    )  # fmt: skip
+    radius_error_drift: float | None = parameter(
+        "-", f"its change in one second; default: {SPREAD:g} of observer.surroundings.radius_error_drift", ge=0,
+        default=None,
+    )  # fmt: skip
+
+    def of_surroundings(self, around: Disturbances) -> WheelSpeeds:
+        error, drift = self.radius_error, self.radius_error_drift
+        taken = {
+            "radius_error": SPREAD * around.radius_error if error is None else error,
+            "radius_error_drift": SPREAD * around.radius_error_drift if drift is None else drift,
+        }
+        return self.model_copy(update=taken)
+
+    def biases(self) -> tuple[Bias, ...]:
+        if not self.radius_error:
+            return ()
+        return tuple(Bias(f"radius_error_{w}", self.radius_error, self.radius_error_drift or 0.0) for w in WHEELS)
 
     def deviations(self) -> Vector:
         return np.full(len(self.joints), self.noise)
 
     def equation(self, motion: Motion, biases: ca.SX, mounting: ca.SX) -> ca.SX:
-        return motion.spin
+        return motion.spin * (1 - biases) if biases.numel() else motion.spin
+
+    def disturbed(self, drive: SimulatedDrive) -> Vector:
+        """The truth and noise: radii of a simulated car are those of its vehicle file."""
+        return drive.truth + self.deviations() * drive.rng.standard_normal(drive.truth.shape)
 
     def first_speed(self, value: Vector, physics: NominalPhysics) -> float | None:
         return float(np.nanmean(value) * physics.rear.unloaded_radius * LOADED)
