@@ -38,7 +38,7 @@ def errors(rate: float, bias: Array, turning: Array, slip: Array, speed: float, 
         filter.predict(STEP)
         if k % every == 0:
             filter.correct("velocity", fixes[k], np.full(2, FIX**2))
-        found[k] = filter.belief().mean - (yaw[k], bias[k])
+        found[k] = filter.belief().mean[:2] - (yaw[k], bias[k])
     found[:, 0] = (found[:, 0] + np.pi) % (2 * np.pi) - np.pi
     return found[:, 0], found[:, 1]
 

@@ -31,6 +31,13 @@ def reckoning() -> Reckoning:
     return made
 
 
+def accept(made: Reckoning, sensor: SensorBase, value: np.ndarray) -> None:
+    """Give a reading of a sensor that is not inertial."""
+    taken = made.takes(sensor)
+    assert taken is not None
+    taken(value)
+
+
 def turning(speed: float, rate: float) -> np.ndarray:
     """Spins of four wheels [rad/s] that roll in a bend."""
     off = 0.5 * rate * NUMBERS["rear_track"]
@@ -43,7 +50,7 @@ def drive(made: Reckoning, seconds: float, speed: float, rate: float, reading: n
     for _ in range(round(seconds / STEP)):
         if made.go_on(STEP):
             made.reckon(STEP)
-        made.take(of("rolling speed"), turning(speed, rate))
+        accept(made, of("rolling speed"), turning(speed, rate))
         if reading is not None:
             refused.append(made.read(reading, NOISE, GATE)[2])
     return refused
@@ -106,7 +113,7 @@ def test_without_wheels_and_steering_the_course_determines_the_yaw_rate() -> Non
         made.go_on(STEP)
         if k % 10 == 0:
             angle = 0.2 * k * STEP
-            made.take(course, 15.0 * np.array([np.cos(angle), np.sin(angle)]))
+            accept(made, course, 15.0 * np.array([np.cos(angle), np.sin(angle)]))
         if k < 100:
             made.read(steady(15.0, 0.2), NOISE, GATE)
         elif made.doubted.any():

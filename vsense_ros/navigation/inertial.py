@@ -13,9 +13,6 @@ per lateral acceleration too; the fixes tell them wherever the car turns, so tha
 Two things that are no white noise have states of their own, or what is stated of side slip is twice its error. The
 angle s by which a car goes aside of its steady state, on banks and in transients, stays for seconds; towards the limit
 of its tyres it grows. And a gyro has a scale, k: of 0.6 %, as on the Genesis, a turn of 90° makes half a degree.
-
-Fixes measure v_y + r (x_antenna + d): how far the antenna sits ahead of where the vehicle file says, d, and l cannot be
-told apart by them. Both have the standard deviation of what is known before a drive, and side slip has its share.
 """
 
 from __future__ import annotations
@@ -26,8 +23,8 @@ from typing import Any
 import casadi as ca
 
 from vsense_ros.estimation.state_space import Measurement, Named
-from vsense_ros.navigation.car_numbers import ANTENNA_DEVIATION, GYRO_SCALE_DEVIATION, SHAKING_NOISE
-from vsense_ros.navigation.joint_kkf import HEADING, JointKkf
+from vsense_ros.navigation.car_numbers import GYRO_SCALE_DEVIATION, SHAKING_NOISE
+from vsense_ros.navigation.joint_kkf import HEADING, JointKkf, velocity_on_map
 from vsense_ros.navigation.space import Definition, Seen, drifting
 
 TYPICAL = {"rear_distance": (1.4, 0.3), "rear_slip": (0.003, 0.002), "roll_gain": (0.1, 0.1)}  # value, deviation
@@ -44,13 +41,13 @@ class Inertial(JointKkf):
 
     names = (
         "forward_velocity", "lateral_velocity", "yaw", "gyro_bias", "acceleration_bias_x", "acceleration_bias_y",
-        "rear_distance", "rear_slip", "roll_gain", "gyro_scale", "antenna_ahead", "aside",
+        "rear_distance", "rear_slip", "roll_gain", "gyro_scale", "aside",
     )  # fmt: skip
     parameters = JointKkf.parameters
     prior: Mapping[str, float] = {
         "forward_velocity": 0.3, "lateral_velocity": 0.1, "yaw": 0.05, "gyro_bias": 0.02,
         "acceleration_bias_x": 1.0, "acceleration_bias_y": 1.0, **{name: own[1] for name, own in TYPICAL.items()},
-        "gyro_scale": GYRO_SCALE_DEVIATION, "antenna_ahead": ANTENNA_DEVIATION, "aside": ASIDE,
+        "gyro_scale": GYRO_SCALE_DEVIATION, "aside": ASIDE,
     }  # fmt: skip
 
     def transition(self, x: Named, u: Named, theta: Named, h: ca.SX) -> Any:
@@ -64,8 +61,8 @@ class Inertial(JointKkf):
         force, rate = theta.acceleration_noise, theta.gyro_noise
         felt = self.sampled(x, u, theta, h, acceleration_x=force, acceleration_y=force, yaw_rate=rate)
         aside = ASIDE * (1 + (u.acceleration_y / LINEAR) ** 2)
-        strays = ca.diag(ca.vertcat(ca.SX.zeros(11), aside**2 * (1 - ca.exp(-2 * h / ASIDE_TIME))))
-        return felt + drifting(h, *TILT_NOISE, LEANING, 1e-5, *ROAD, 1e-4, 1e-5, 1e-4, 1e-6, 0.0, 0.0) + strays
+        strays = ca.diag(ca.vertcat(ca.SX.zeros(10), aside**2 * (1 - ca.exp(-2 * h / ASIDE_TIME))))
+        return felt + drifting(h, *TILT_NOISE, LEANING, 1e-5, *ROAD, 1e-4, 1e-5, 1e-4, 1e-6, 0.0) + strays
 
     def motion(self, x: Named, u: Named, theta: Named) -> dict[str, Any]:
         return {**super().motion(x, u, theta), "yaw_rate": turning(x, u)}
@@ -73,9 +70,6 @@ class Inertial(JointKkf):
     def begin(self, seen: Seen) -> Mapping[str, float]:
         typical = {name: own[0] for name, own in TYPICAL.items()}
         return {**super().begin(seen), **typical}
-
-    def uncertain(self, name: str, seen: Seen) -> float:
-        return seen["antenna_deviation"] if name == "antenna_ahead" else super().uncertain(name, seen)
 
 
 def turning(x: Named, u: Named) -> ca.SX:
@@ -90,15 +84,6 @@ def _sliding(x: Named, z: Named, u: Named, p: Named) -> ca.SX:
 
 
 STEADY = Measurement("steady_state", _sliding, (SLIDING,))
-
-
-def _velocity(x: Named, z: Named, u: Named, p: Named) -> list[ca.SX]:
-    rate, c, s = turning(x, u), ca.cos(x.yaw), ca.sin(x.yaw)
-    forward = x.forward_velocity - rate * p.antenna_y
-    lateral = x.lateral_velocity + rate * (p.antenna_x + x.antenna_ahead)
-    return [c * forward - s * lateral, s * forward + c * lateral]
-
-
-VELOCITY = Measurement("gnss_velocity", _velocity, (0.1, 0.1))
+VELOCITY = Measurement("gnss_velocity", velocity_on_map, (0.1, 0.1))
 
 INERTIAL = Definition.of(Inertial(), VELOCITY, HEADING, STEADY)
