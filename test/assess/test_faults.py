@@ -32,9 +32,6 @@ FAST = {
     ("gyros frozen", LANE_CHANGE),
     ("position jumps by 20 m and stays", CIRCLE),
     ("fix lost", CIRCLE),
-    ("steering zero, 5 s", CIRCLE),
-    ("one wheel 10 % too fast, 5 s", CIRCLE),
-    ("GNSS velocity drifts by 0.3 m/s²", CIRCLE),
 }
 
 

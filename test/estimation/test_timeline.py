@@ -157,7 +157,7 @@ def test_a_second_look_by_other_means_leaves_the_filter_as_it_was() -> None:
         made._happen(event)
         seen.append((event.stamp, made.filter.memory.copy()))
 
-    assert made.again(round(0.7 * SECOND), act) is not None
+    assert made.again(round(0.7 * SECOND), act)
     assert (made.filter.memory == newest).all()
     assert seen[0][0] > 0.55 * SECOND
     assert seen[-1][0] == 2 * SECOND

@@ -23,7 +23,7 @@ from vsense_ros.bag import datasets
 from vsense_ros.bag.importers import import_recording
 from vsense_ros.errors import InputError
 from vsense_ros.evaluate import faults
-from vsense_ros.evaluate.faults import ACCELEROMETER, FIX, GYRO, IMU, STEERING, VELOCITY, WHEELS, Fault
+from vsense_ros.evaluate.faults import ACCELEROMETER, FIX, GYRO, IMU, VELOCITY, WHEELS, Fault
 from vsense_ros.files.installed import shared_folder, vehicle_path
 from vsense_ros.files.vehicle import load_vehicle
 from vsense_ros.messages.diagnostic import Diagnostic, Level
@@ -312,14 +312,6 @@ CASES: tuple[Case, ...] = (
         ("within 0.25 s", lambda run: any(4.0 < t < 4.25 and d.level is Level.STALE for t, d in run.said["imu"])),
         "GNSS",
     ),
-    Case("steering zero, 5 s", CIRCLE, (Fault("", (STEERING,), faults.replaced("position", [0], 0.0), 8.0, 13.0),),
-         "steering", group="steering"),
-    Case("steering -60°, 1 s", CIRCLE, (Fault("", (STEERING,), faults.added("position", [0], -1.047), 8.0, 9.0),),
-         "steering", group="steering"),
-    Case("one wheel 10 % too fast, 5 s", CIRCLE,
-         (Fault("", (WHEELS,), faults.scaled("velocity", [2], 1.1), 8.0, 13.0),), "wheel_speeds", group="wheels"),
-    Case("GNSS velocity drifts by 0.3 m/s²", CIRCLE,
-         (Fault("", (VELOCITY,), faults.drifting("linear", (1,), 0.3), 8.0, 13.0),), "velocity", group="GNSS"),
     Case("wheel speeds silent for 4 s", CIRCLE, (Fault("", (WHEELS,), faults.silent, 8.0, 12.0),), "wheel_speeds"),
     *_offsets(),
 )  # fmt: skip

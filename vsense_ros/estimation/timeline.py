@@ -28,8 +28,7 @@ class Event:
     stamp: int  # of the measurement, latency taken off [ns]
     value: Array  # (m,), NaN where absent
     variance: Array  # (m,)
-    counted: bool = False  # it has been counted
-    whole: Array | None = None  # (m,) with components that were refused, where some were
+    counted: bool = False  # it has been told of
 
 
 class Channel(NamedTuple):
@@ -183,10 +182,9 @@ class Timeline:
         self._ahead[:0] = events
         return self._ahead
 
-    def again(self, since: int, act: Callable[[Event], None]) -> Array | None:
+    def again(self, since: int, act: Callable[[Event], None]) -> bool:
         """Let everything since a time [ns], or as far as is remembered, happen once more by `act`, in which a filter
-        may be given other values than it was; then be as before. Returns the filter's memory (s,) at the end, None if
-        it could not go all the way."""
+        may be told otherwise than it was; then be as before. False if the filter could not go all the way."""
         self.catch_up()
         place, events = self._before(since)
         instant = self._checkpoints[place].instant if place < 0 else self._history[place]
@@ -202,9 +200,8 @@ class Timeline:
                     break
                 now = event.stamp
             act(event)
-        end = filter.memory.copy()
         filter.memory[:] = before
-        return end if went else None
+        return went
 
     def _before(self, since: int) -> tuple[int, list[Event]]:
         """The newest place not after a time: in the history, or with a negative index in the checkpoints; and all that
@@ -308,7 +305,7 @@ class Timeline:
         plan: list[tuple[Step | None, Measured | Given]] = []
         for event in islice(events, _AT_ONCE):
             channel, instant, way = self.channels[event.sensor], instants[-1], None
-            if channel.by_hand or not event.counted:
+            if channel.by_hand:
                 break
             if self._is_later(event, instant):
                 way = self._way(instant, event.stamp)

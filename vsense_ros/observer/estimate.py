@@ -96,14 +96,6 @@ class Estimate:
         _fill_variances(made, filter.car, covariance)
         return made
 
-    def spread(self, square: Array) -> Estimate:
-        """The estimate, of which each element of the state may be off besides by the root of `square` (n,): sensors
-        contradict each other, and it is not known yet which of them are wrong."""
-        pose, twist = (covariance.copy() for covariance in (self.pose_covariance, self.twist_covariance))
-        pose[range(6), range(6)] += square[:6]
-        twist[range(6), range(6)] += square[TWIST]
-        return replace(self, pose_covariance=pose, twist_covariance=twist, variance=self.variance + square)
-
     @property
     def position(self) -> Array:
         """Position of cog in the map, (3,) [m]."""

@@ -36,27 +36,14 @@ class Move(NamedTuple):
     deviation: float
 
 
-class Widening(NamedTuple):
-    """An element of the state whose variance grows by this much: its error may have changed meanwhile."""
-
-    element: int
-    variance: float
-
-
 class Judged(NamedTuple):
-    """A sensor as the vote sees it: names of its components, places of those that the filter uses, how many other
-    numbers stand behind its innovations, and its gate [standard deviations].
-
-    Components of an `inertial` sensor may each be wrong alone. Of another sensor, those `together` fail together; each
-    of the others is a suspect of its own, and so is the whole sensor.
-    """
+    """An inertial sensor as the vote sees it: names of its axes, places of those that the filter uses, how many other
+    numbers stand behind its innovations, and its gate [standard deviations]."""
 
     words: tuple[str, ...]
     judged: tuple[int, ...]
     conditions: int
     gate: float
-    inertial: bool = True
-    together: bool = False
 
 
 class Adapter(ABC):
@@ -151,40 +138,11 @@ class Adapter(ABC):
     def after_event(self) -> None:  # noqa: B027
         """Do what follows on every reading that has acted."""
 
-    # What may be wrong alone
+    # Inertial sensors
 
-    def judged(self) -> dict[int, Judged]:
-        """Sensors whose components can be left out, by their place."""
+    def axes(self) -> dict[int, Judged]:
+        """Inertial sensors whose axes can be left out, by their place."""
         return {}
-
-    def input_errors(self) -> dict[int, int]:
-        """Inputs that can be left out, by the place of their sensor: the element of the state that is their error."""
-        return {}
-
-    def value_of(self, element: int) -> float:
-        """An element of the state."""
-        raise NotImplementedError
-
-    def input_innovation(self, event: Event, error: int, offset: float) -> tuple[float, float]:
-        """How far an input is from what is estimated in its place, and the standard deviation of that; `error` is its
-        element of the state, which was `offset` while it was believed."""
-        raise NotImplementedError
-
-    def input_returns(self, event: Event, error: int, offset: float) -> list[Move | Widening]:
-        """What changes in the state as an input is believed again from this event on."""
-        raise NotImplementedError
-
-    def widen(self, widening: Widening) -> None:
-        """Let the variance of an element of the state grow."""
-        raise NotImplementedError
-
-    def mean_in(self, memory: Array) -> Array | None:
-        """The state (n,) in a copy of the filter's memory; None if it is not compared."""
-        return None
-
-    def spread(self, square: Array | None) -> None:  # noqa: B027
-        """From now on estimates may besides be off by the root of this square (n,) of each element, as sensors
-        contradict each other; None once they do not."""
 
     def correct_inertial(self, channel: Channel, event: Event, gate: float) -> Innovation:
         """Let an inertial reading correct the filter if its normalized innovation squared is at most `gate`."""
@@ -197,10 +155,10 @@ class Adapter(ABC):
             alone[axis] = event.value[axis]
             yield axis, self.filter.correct(channel.name, alone, event.variance, gate)
 
-    def innovation_of(self, channel: Channel, event: Event, components: Sequence[int]) -> Innovation:
-        """Innovation of some components of a reading, which leaves the filter as it is."""
+    def innovation_of_axis(self, channel: Channel, event: Event, axis: int) -> Innovation:
+        """Innovation of one axis, which leaves the filter as it is."""
         alone = np.full_like(event.value, np.nan)
-        alone[list(components)] = event.value[list(components)]
+        alone[axis] = event.value[axis]
         return self.filter.correct(channel.name, alone, event.variance, -1.0)
 
     def bias(self, sensor: int, axis: int, jump: float) -> tuple[int, float] | None:

@@ -146,7 +146,7 @@ class KinematicAdapter(Adapter):
 
     # Inertial sensors
 
-    def judged(self) -> dict[int, Judged]:
+    def axes(self) -> dict[int, Judged]:
         key = self.filter.inertial
         judged = tuple(self._of_sensor[axis] for axis in self.filter.judged)
         if key is None or not judged:
@@ -168,8 +168,7 @@ class KinematicAdapter(Adapter):
                 alone[place] = far
                 yield place, Innovation(alone, all_of_it.factor, far**2, place not in refused)
 
-    def innovation_of(self, channel: Channel, event: Event, components: Sequence[int]) -> Innovation:
-        (axis,) = components
+    def innovation_of_axis(self, channel: Channel, event: Event, axis: int) -> Innovation:
         found = self.filter.innovation_of_axis(self._of_car[axis], self._in_axes_of_car(event), event.variance)
         return self._in_axes_of_sensor(found)
 

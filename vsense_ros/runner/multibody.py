@@ -14,7 +14,7 @@ from vsense_ros.estimation.intake import Intake
 from vsense_ros.estimation.timeline import Channel, Event, Timeline
 from vsense_ros.messages.diagnostic import Diagnostic, Level
 from vsense_ros.messages.recording import Sample
-from vsense_ros.model.coordinates import SPIN, STEERING_OFFSET, YAW, X, Y
+from vsense_ros.model.coordinates import SPIN, YAW, X, Y
 from vsense_ros.model.sensors import SensorBase
 from vsense_ros.model.vehicle import Vehicle, left_out_of_observer
 from vsense_ros.observer.alignment import Alignment
@@ -26,9 +26,9 @@ from vsense_ros.observer.monitor import Limits, Monitor
 from vsense_ros.observer.road_map import RoadMap
 from vsense_ros.observer.sensors import check_sensors
 from vsense_ros.observer.spi import Spi
-from vsense_ros.observer.state import DISTURB, FORWARD, LATERAL, SLOPES, YAW_RATE, U
+from vsense_ros.observer.state import FORWARD, LATERAL, SLOPES, YAW_RATE, U
 from vsense_ros.observer.tilt import Tilt
-from vsense_ros.runner.adapter import Adapter, Judged, Move, Report, Widening, adapter_of
+from vsense_ros.runner.adapter import Adapter, Judged, Move, Report, adapter_of
 from vsense_ros.runner.guard import GUARD, Vitals
 
 Array = NDArray[np.float64]
@@ -58,12 +58,10 @@ class CarAdapter(Adapter):
         self.has_position = any("position" in sensor.tells for sensor in sensors.values())
         self.balance = Balance(vehicle, sensors)
         self.tilt = Tilt(sensors, self.car)
-        self._names = tuple(sensors)
         self._start: Start | None = None
         around = vehicle.observer.surroundings
         spread = GUARD.road_deviations * np.array([around.grade, around.bank])
         self._steepest = np.maximum(GUARD.steepest_road, spread)
-        self._spread: Array | None = None  # (n,) square of what each element may be off besides
 
     def attach(self, intake: Intake[SensorBase], timeline: Timeline) -> None:
         super().attach(intake, timeline)
@@ -145,57 +143,16 @@ class CarAdapter(Adapter):
         if self._road_map is not None and self.alignment.known:
             self._road_map.follow(self.filter)
 
-    def judged(self) -> dict[int, Judged]:
+    def axes(self) -> dict[int, Judged]:
         found = {}
         for i, sensor in enumerate(self.sensors.values()):
-            if sensor.is_input:
-                continue
-            count = len(sensor.deviations())
-            words = tuple(one.words for one in sensor.components) or tuple(str(k) for k in range(count))
-            inertial, wheels = "rates and forces" in sensor.tells, "rolling speed" in sensor.tells
-            found[i] = Judged(words, tuple(range(count)), 0, sensor.gate, inertial, together=not (inertial or wheels))
+            if "rates and forces" in sensor.tells:
+                words = tuple(one.words for one in sensor.components)
+                found[i] = Judged(words, tuple(range(len(words))), 0, sensor.gate)
         return found
 
-    def input_errors(self) -> dict[int, int]:
-        return {
-            i: DISTURB.start + STEERING_OFFSET
-            for i, sensor in enumerate(self.sensors.values())
-            if sensor.is_input and "steering" in sensor.tells
-        }
-
-    def value_of(self, element: int) -> float:
-        return self.car.mean.item(element)
-
-    def input_innovation(self, event: Event, error: int, offset: float) -> tuple[float, float]:
-        """The road-wheel angle without its offset, as it is estimated and as it is measured."""
-        place = self.sensors[self._names[event.sensor]].inputs
-        assert place is not None
-        estimated = self.filter.inputs[place.start] - self.car.mean.item(error)
-        variance = self.car.covariance.item(error, error) + self.car.prior.deviation.item(error) ** 2
-        return float(event.value[0]) - offset - float(estimated), float(np.sqrt(variance))
-
-    def input_returns(self, event: Event, error: int, offset: float) -> list[Move | Widening]:
-        """The input is as measured again, and its error as it was, as little known as at start."""
-        return [Move(error, offset - self.car.mean.item(error), self.car.prior.deviation.item(error))]
-
-    def widen(self, widening: Widening) -> None:
-        self.car.covariance[widening.element, widening.element] += widening.variance
-
-    def mean_in(self, memory: Array) -> Array | None:
-        now = self.filter.memory.copy()
-        self.filter.memory[:] = memory
-        mean = self.car.mean.copy()
-        self.filter.memory[:] = now
-        return mean
-
-    def spread(self, square: Array | None) -> None:
-        self._spread = square
-
     def bias(self, sensor: int, axis: int, jump: float) -> tuple[int, float] | None:
-        biases = self.car.layout.biases[sensor]
-        if not biases.start <= biases.start + axis < biases.stop:
-            return None
-        element = biases.start + axis
+        element = self.car.layout.biases[sensor].start + axis
         return element, float(np.hypot(self.car.prior.deviation[element], jump))
 
     # Resets
@@ -237,8 +194,7 @@ class CarAdapter(Adapter):
         return f"heading unknown until {until}"
 
     def snapshot(self, stamp: int) -> Estimate:
-        estimate = Estimate.of(stamp, self.filter)
-        return estimate if self._spread is None else estimate.spread(self._spread)
+        return Estimate.of(stamp, self.filter)
 
     def vitals(self, snapshot: Estimate) -> Vitals:
         with np.errstate(invalid="ignore"):  # a road that is steeper than any leaves no attitude

@@ -25,7 +25,7 @@ from vsense_ros.observer.beginning import UNSURE
 from vsense_ros.observer.catalogue import default_filter
 from vsense_ros.observer.estimate import BALANCE
 from vsense_ros.observer.monitor import Limits, Monitor
-from vsense_ros.runner.adapter import Adapter, MakeFilter, Move, Report, Widening, adapter_of
+from vsense_ros.runner.adapter import Adapter, MakeFilter, Move, Report, adapter_of
 from vsense_ros.runner.guard import Guard
 from vsense_ros.runner.placement import Place, Placement
 from vsense_ros.runner.resets import Resets
@@ -174,7 +174,7 @@ class Runner:
     def _look_for_frozen(self, index: int) -> None:
         """Leave out a whole inertial sensor that has repeated itself too often."""
         health = self.health[index]
-        if self.started and self.vote.is_inertial(index) and health.same_in_a_row == FROZEN:
+        if self.started and index in self.vote.axes and health.same_in_a_row == FROZEN:
             self.vote.froze(index, np.frombuffer(health.last_content))
             self._settle()
 
@@ -184,17 +184,18 @@ class Runner:
             for move in self.resets.asked():
                 self._shift(move)
         vote = self.vote
-        vote.pass_time(self.stamp)
         if vote.due(self.stamp):
             vote.decide(self._timeline)
-        if vote.asked:
-            asked, vote.asked = vote.asked, []
-            for change in asked:
-                self._shift(change)
+        while vote.returned:
+            sensor, axis, jump = vote.returned.pop()
+            bias = self.adapter.bias(sensor, axis, jump)
+            if bias is not None:
+                element, deviation = bias
+                self._shift(Move(element, 0.0, deviation))
 
-    def _shift(self, change: Move | Widening) -> None:
-        """Change an element of the state now, and whenever this instant happens again."""
-        event = Event(len(self.names), self.stamp, np.array(change), np.zeros(len(change)), counted=True)
+    def _shift(self, move: Move) -> None:
+        """Move an element of the state now, and whenever this instant happens again."""
+        event = Event(len(self.names), self.stamp, np.array(move), np.zeros(3), counted=True)
         self._timeline.add(event)
 
     # Start and stop
@@ -265,15 +266,13 @@ class Runner:
             self._move(event)
             return
         if channel.first_input is not None:
-            if not event.counted:
-                self.vote.hear_input(event)
             adapter.give(channel, event)
         elif adapter.accepts(event):
-            components = self.vote.components.get(event.sensor)
-            if components is None:
+            axes = self.vote.axes.get(event.sensor)
+            if axes is None:
                 innovation = adapter.correct(channel, event)
             else:
-                innovation = self.vote.correct(components, event, first=not event.counted)
+                innovation = self.vote.correct(axes, event, first=not event.counted)
             if self._on_innovation is not None and not event.counted:
                 self._on_innovation(channel.name, event.stamp, innovation)
         else:
@@ -308,8 +307,8 @@ class Runner:
         place = self.placement
         if place is not None and 0 <= nis <= channel.limit and "position" in self.intake.sensors[event.sensor].tells:
             place.believed(event.stamp)
-        if measured and not self.vote.is_inertial(event.sensor):
-            self.vote.measured(event.sensor, self.stamp, nis, len(event.value))
+        if measured and event.sensor not in self.vote.axes:
+            self.vote.measured(event.sensor, self.stamp, nis, len(event.value), channel.limit)
 
     def _is_moving(self) -> bool:
         return self.adapter.moving
@@ -317,20 +316,14 @@ class Runner:
     def _others_there(self) -> bool:
         """True if a sensor that is believed measures the car's motion besides inertial sensors."""
         return any(
-            not sensor.is_input
-            and not self.vote.is_inertial(i)
-            and not self.health[i].contradicts
-            and self.intake.sends(i)
+            not sensor.is_input and i not in self.vote.axes and not self.health[i].contradicts and self.intake.sends(i)
             for i, sensor in enumerate(self.intake.sensors)
         )
 
     def _move(self, event: Event) -> None:
         """Do what `_shift` asks for."""
-        element, *numbers = event.value.tolist()
-        if len(numbers) == 1:
-            self.adapter.widen(Widening(int(element), *numbers))
-        else:
-            self.adapter.move(Move(int(element), *numbers))
+        element, by, deviation = event.value.tolist()
+        self.adapter.move(Move(int(element), by, deviation))
 
     # Results
 
@@ -385,9 +378,7 @@ class Runner:
         condition = self.adapter.condition(converged)
         if not self.heading_known:
             return Diagnostic("observer", Level.WARN, condition, values)
-        doubts = [*self.adapter.doubts, *(f"without {suspect.name}" for suspect in self.vote.out)]
-        if self.vote.open is not None:
-            doubts.append(f"sensors contradict each other: {' or '.join(s.name for s in self.vote.open.suspects)}")
+        doubts = [*self.adapter.doubts, *(f"without {axes.name(axis)}" for axes, axis, _ in self.vote.out)]
         if self.placement is not None:
             place = self.placement.at(self.stamp)
             if place is not Place.TOLD:
@@ -404,15 +395,15 @@ class Runner:
 
     def _sensor_line(self, index: int, line: Diagnostic) -> Diagnostic:
         """The line of a sensor, with its axes that are not believed or absent."""
-        if line.level == Level.STALE:
+        axes = self.vote.axes.get(index)
+        if axes is None or line.level == Level.STALE:
             return line
-        parts = [f"{suspect.words} {out.why}".strip() for suspect, out in self.vote.without(index)]
+        parts = [f"{axes.words[axis]} {out.why}" for axis, out in axes.out.items()]
         if parts:
             return Diagnostic(line.name, max(Level.WARN, line.level), f"not believed: {', '.join(parts)}", line.values)
         if line.level != Level.OK:
             return line
-        components = self.vote.components.get(index) if self.vote.is_inertial(index) else None
-        doubts = [f"without {', '.join(absent)}"] if components is not None and (absent := components.absent) else []
+        doubts = [f"without {', '.join(absent)}"] if (absent := axes.absent) else []
         if doubt := self.adapter.doubt(line.name):
             doubts.append(doubt)
         return Diagnostic(line.name, Level.WARN, ", ".join(["in use", *doubts]), line.values) if doubts else line

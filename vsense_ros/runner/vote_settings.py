@@ -40,16 +40,9 @@ class VoteSettings:
     gain_with_own: float = 15.0  # [-] … this gain is enough
     worth_a_vote: float = 0.0  # [-] gain of leaving out a whole sensor, below which its axes are not tried
     disagree: float = 3.5  # [-] mean square of whitened innovations of a sensor that does not agree with the others
-    nearly: float = 0.35  # [-] share of the largest gain, from which on another may be the wrong one
-    simpler: float = 0.8  # [-] share of the likeliest's total, from which on one of fewer components is preferred
-    closed_after: int = 2_000_000_000  # [ns] after the last alarm, from which on an open contradiction is closed
+    nearly: float = 0.35  # [-] share of the largest gain, from which on another axis may be the wrong one
     suspect: float = 30.0  # [-] gain from which on an axis is asked about again soon
     largest_square: float = 36.0  # [-] of a whitened innovation, beyond which it counts no more
-
-    # An input that is left out.
-    input_density: float = 0.04  # [rad²/s] variance that the error of the road-wheel angle gains in one second
-    widened: int = 10_000_000  # [ns] from one gain of it to the next
-    input_gate: float = 4.0  # [-] standard deviations up to which an input agrees with what is estimated
 
     # No noise.
     frozen: int = 20  # equal values in a row, of an axis that has noise
@@ -59,7 +52,6 @@ class VoteSettings:
 
     # Return of an axis that is left out.
     asked: int = 10_000_000  # [ns] from one innovation of the axis to the next
-    agreements: int = 3  # at least so many innovations that agree
     same: int = 10  # times that it may repeat its value
     agreed: int = 1_000_000_000  # [ns] that it has to agree the first time; twice as long each time, up
     longest: int = 60_000_000_000  # [ns] to this

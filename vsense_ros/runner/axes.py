@@ -1,5 +1,4 @@
-"""The components of the readings of one sensor, as the vote sees them: which are left out, how far they are from what
-is expected."""
+"""The axes of an inertial sensor: which of them are left out, and since when."""
 
 from __future__ import annotations
 
@@ -11,19 +10,31 @@ from numpy.typing import NDArray
 
 from vsense_ros.estimation.timeline import Channel
 from vsense_ros.runner.sums import Sums
-from vsense_ros.runner.suspects import Suspect
 from vsense_ros.runner.vote_settings import VOTE
 
 Array = NDArray[np.float64]
 
 
 @dataclass
-class Components:
-    """The m components of each reading of one sensor.
+class Out:
+    """An axis that is not believed."""
 
-    Behind their innovations may stand others, `conditions` in number, of what is required of the motion at each
-    reading. `judged` are the places of the components that the filter uses. Those of an `inertial` sensor, which comes
-    often, are looked at for jumps and for values that repeat themselves.
+    since: int  # [ns]
+    why: str
+    agreed_from: int = 0  # [ns]
+    count: int = 0
+    squares: float = 0.0
+    total: float = 0.0  # of innovations, in units of the axis
+    value: float = 0.0  # when it was asked last, and how often it had been the same
+    same: int = 0
+
+
+@dataclass
+class Axes:
+    """The axes of one inertial sensor, m components of each reading.
+
+    Behind the innovations of its axes may stand others, `conditions` in number, of what is required of the motion at
+    each reading. `judged` are the places of the axes that the filter uses.
     """
 
     index: int
@@ -32,13 +43,12 @@ class Components:
     judged: tuple[int, ...]
     conditions: int
     gate: float  # largest normalized innovation squared of one component
-    inertial: bool
-    suspects: tuple[Suspect, ...]  # of this sensor, those of one component first
-    left: list[int] = field(default_factory=list)  # components that are left out
+    out: dict[int, Out] = field(default_factory=dict)
+    wait: dict[int, int] = field(default_factory=dict)  # how long an axis must agree next time [ns]
     refused_from: dict[int, tuple[int, int, int]] = field(default_factory=dict)  # first, last [ns], how many
     sums: Sums = field(init=False)
     newest: deque[Array] = field(default_factory=lambda: deque(maxlen=VOTE.frozen))  # as they came
-    looked: int = 0  # messages since the last look for frozen components
+    looked: int = 0  # messages since the last look for frozen axes
     asked: int = 0
     held: Array = field(init=False)  # share of values that equal the one before
 
@@ -48,24 +58,24 @@ class Components:
 
     @property
     def present(self) -> list[int]:
-        """Places of the components that came of late."""
+        """Places of the axes that came of late."""
         came = self.sums.counts[0] > 0
         return [axis for axis in self.judged if came[axis]]
 
     def masked(self, value: Array) -> Array:
-        """A measurement without what is left out."""
+        """A measurement without what is out."""
         value = value.copy()
-        value[self.left] = np.nan
+        value[list(self.out)] = np.nan
         return value
 
     @property
     def absent(self) -> list[str]:
-        """Names of the components that did not come of late."""
+        """Names of the axes that did not come of late."""
         if not self.sums.begun:
             return []
         present = self.present
         return [self.words[axis] for axis in self.judged if axis not in present]
 
-    def alone(self, component: int) -> Suspect:
-        """The suspect that is this component alone, or else the one that it fails with."""
-        return next(suspect for suspect in self.suspects if component in suspect.components)
+    def name(self, axis: int) -> str:
+        """The name of an axis with that of its sensor."""
+        return f"{self.channel.name} {self.words[axis]}"
