@@ -295,6 +295,8 @@ def consistency(filters: tuple[str, ...], quick: bool, processes: int | None, ou
         )
     job.write(results, out)
     job.show(results, console())
+    if missing := job.left_out(results):
+        say(f"Left out, as they are not here or lack sensors: {', '.join(missing)} (VSENSE_DATA names their folder).")
     say(f"Written to {out}.")
 
 

@@ -178,10 +178,10 @@ def _value(quantity: str, motions: Motions, truth: Truth, at: NDArray[np.int64])
     name = quantity.removesuffix("_error")
     values: Array
     if name == "side_slip":
-        if not motions.tells_side_slip:
+        if not motions.has_side_slip:
             return None
         values = motions.side_slip[:, 0]
-    elif name in motions.told:
+    elif name in motions.estimated:
         values = motions.value[:, MOTION.index(name)]
     else:
         places = [i for i, full in enumerate(motions.parameter_names) if full.rpartition(".")[2] == name]

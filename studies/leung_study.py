@@ -63,9 +63,9 @@ def _scores(motions: Motions, truth: Truth, at: NDArray[np.int64], read: Reading
     true["side_slip"] = truth.side_slip[at]
     scores: dict[str, Any] = {}
     for name in true:
-        if name == "side_slip" and motions.tells_side_slip:
+        if name == "side_slip" and motions.has_side_slip:
             error = motions.side_slip[:, 0] - true[name]
-        elif name in motions.told:
+        elif name in motions.estimated:
             error = motions.value[:, MOTION.index(name)] - true[name]
         else:
             continue
@@ -83,7 +83,7 @@ def _scores(motions: Motions, truth: Truth, at: NDArray[np.int64], read: Reading
     if "side_slip" in scores:
         error = wrap(motions.side_slip[:, 0] - true["side_slip"])
         scores |= score_side_slip(error, motions.side_slip[:, 1], settled)
-    if "yaw" in motions.told:
+    if "yaw" in motions.estimated:
         rows = np.flatnonzero(np.isfinite(read.fixes[at, 0]))
         course = np.arctan2(read.fixes[at[rows], 1], read.fixes[at[rows], 0])
         raw = wrap(course - motions.value[rows, MOTION.index("yaw")])

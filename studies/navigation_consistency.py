@@ -191,14 +191,14 @@ def _simulated(name: str, drive: Drive, store: Path) -> Scores:
     )
     scores: dict[str, Score] = {}
     for output in ("yaw", "forward_velocity", "lateral_velocity", "yaw_rate"):
-        if output not in motions.told:
+        if output not in motions.estimated:
             continue
         place = MOTION.index(output)
         error = motions.value[:, place] - getattr(truth, output)[at]
         error = wrap(error) if output == "yaw" else error
         title = "longitudinal_velocity" if output == "forward_velocity" else output
         scores[title] = Score.of(error[settled], np.sqrt(variances[settled, place]))
-    if motions.tells_side_slip:
+    if motions.has_side_slip:
         error = wrap(motions.side_slip[:, 0] - truth.side_slip[at])
         scores["side_slip"] = Score.of(error[settled], motions.side_slip[settled, 1])
     return scores
@@ -239,6 +239,12 @@ def _scores(output: Recording, recording: Recording, reference: Mapping[str, flo
         for column in range(aligned.error.shape[1]):
             title = key if aligned.error.shape[1] == 1 else f"{key}_{'xy'[column]}"
             yield title, Score.of(aligned.error[:, column], np.hypot(stated, own))
+
+
+def left_out(results: Mapping[str, Mapping[str, Scores]]) -> list[str]:
+    """Recordings that no filter was compared on: they are not here, or no filter has the sensors that it needs."""
+    compared = {title for drives in results.values() for title in drives}
+    return [one.title for one in RECORDED if one.title not in compared]
 
 
 def summary(results: Mapping[str, Mapping[str, Scores]]) -> dict[str, dict[str, dict[str, float]]]:

@@ -18,6 +18,7 @@ from vsense_ros.evaluate.metrics import SignalScore
 from vsense_ros.evaluate.picture import compose, draw
 from vsense_ros.evaluate.report import write_report
 from vsense_ros.evaluate.signals import SIGNALS, thin
+from vsense_ros.evaluate.terminal import PIPE_WIDTH, PlainConsole, show_drive
 from vsense_ros.evaluate.wording import named, score_cells
 from vsense_ros.messages.diagnostic import Diagnostic, Level
 from vsense_ros.messages.recording import Recording
@@ -243,7 +244,7 @@ def test_scores_are_shown_in_the_units_people_read():
     found = SignalScore(np.radians(0.157), 3.456, np.radians(-0.01234), -0.0123, "rad", 10)
     assert score_cells("side_slip", found) == (
         *("0.157°", "–", "–", "–"),
-        *("3.46 %", "-0.012°", "-12.3 ms"),
+        *("3.46", "-0.012°", "-12.3"),
     )
     sure = replace(found, within_2s=0.42, nees=7.31, known=0.5)
     assert score_cells("side_slip", sure, ("zero", replace(found, rmse=np.radians(1.23))))[:4] == (
@@ -254,6 +255,27 @@ def test_scores_are_shown_in_the_units_people_read():
         *("0.123 kN", "–", "–", "–"),
         *("–", "+0.001 kN", "–"),
     )
+
+
+def test_in_a_pipe_no_number_of_the_widest_table_is_cut(whole):
+    """Names and figures of simpler ways as long as the longest of those that drives are compared with."""
+    worst = SignalScore(0.0382, 182.26, -0.0079, -0.0427, "m/s", 10, within_2s=1.0, nees=20.99)
+    wide = {
+        "longitudinal_velocity": (worst, ("GNSS", worst), {"kinematic, rear axle without slip": worst}),
+        "side_slip": (replace(worst, rmse=0.0027, unit="rad"), ("zero", worst), {}),
+    }
+    shown = replace(
+        whole,
+        scores={name: score for name, (score, _, _) in wide.items()},
+        trivial={name: one for name, (_, one, _) in wide.items()},
+        baselines={label: {name: s} for name, (_, _, more) in wide.items() for label, s in more.items()},
+    )
+    console = PlainConsole(width=PIPE_WIDTH)
+    with console.capture() as captured:
+        show_drive(shown, console)
+    assert "…" not in captured.get()
+    assert "182.26" in captured.get()
+    assert "-42.7" in captured.get()
 
 
 def test_twelve_forces_are_one_word():

@@ -23,6 +23,7 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
+import pymap3d
 from numpy.typing import NDArray
 from rich import box
 from rich.table import Table
@@ -55,7 +56,6 @@ Array = NDArray[np.float64]
 LONGEST_OK = 0.5  # [s] of a headline that is OK while the estimate is outside of its standard deviations
 LONGEST_OUT = 2.0  # [s] for which a sensor that is right may be out
 NAMED_WITHIN = 1.0  # [s] after the end of a fault
-EARTH_RADIUS = 6.371e6  # [m]
 RAMP = 2.0  # [s] in which a ramp reaches the large offset
 SEED = 46  # of generated drives, and of the choice of some rows
 DURATIONS: Mapping[str, float] = {"0.3 s": 0.3, "1 s": 1.0, "5 s": 5.0, "for good": np.inf}
@@ -160,18 +160,18 @@ PARTS: Sequence[Part] = (
 
 class Phase(NamedTuple):
     """A moment of a drive at which faults begin: `begin`, and the stretch that is run, from and to [s]. `lacks` are
-    parts that the car does not have, `angle` what its steering sensor reports over the angle of a steering wheel."""
+    parts that the car does not have; its steering sensor measures `on_road_wheel` or else at the steering wheel."""
 
     name: str
     drive: str
     begin: float
     stretch: tuple[float, float]
     lacks: tuple[str, ...] = ()
-    angle: float = 1.0
+    on_road_wheel: bool = False
 
 
 STRAIGHT, STOP, GENESIS = "accelerate_and_brake", "stop_and_go", "genesis"
-_GENESIS = ("wheels", "wheel fl", "wheel rr", "gyro x", "gyro y", "accelerometer z"), 1 / 15.5
+_GENESIS = ("wheels", "wheel fl", "wheel rr", "gyro x", "gyro y", "accelerometer z"), True
 # Where a drive is straight or bends is seen in the yaw rate of its reference.
 PHASES: Mapping[str, Sequence[Phase]] = {
     "straight": (
@@ -211,7 +211,7 @@ class Row:
     @property
     def size(self) -> float:
         """Size of faults in the unit of the drive's sensor over that of the part."""
-        return self.phase.angle if self.part.topic == STEERING else 1.0
+        return 1 / _ratio(self.phase.drive) if self.part.topic == STEERING and self.phase.on_road_wheel else 1.0
 
     @property
     def span(self) -> tuple[float, float]:
@@ -332,6 +332,12 @@ def _vehicle(name: str) -> Path:
 
 
 @cache
+def _ratio(name: str) -> float:
+    """Angle of the steering wheel over that of the road wheels, of the car of a drive."""
+    return load_vehicle(_vehicle(name)).physics.steering.ratio
+
+
+@cache
 def stretch(phase: Phase) -> Recording:
     """The part of a drive that is run. Raises `InputError` where its recording is not here."""
     if phase.drive == GENESIS:
@@ -372,10 +378,9 @@ def _values(channel: Channel, signal: Signal, at: Channel) -> Array:
     """What a signal of a channel (m, k) is at the stamps of another one; places in metres."""
     order = np.argsort(channel.stamp, kind="stable")
     if signal.field == PLACE and channel.topic == FIX:
-        latitude, longitude = (channel.columns[name][:, 0] for name in ("latitude", "longitude"))
-        metres = np.pi / 180 * EARTH_RADIUS
-        there = np.radians(float(np.nanmedian(at.columns["latitude"])))
-        columns = np.column_stack([metres * np.cos(there) * longitude, metres * latitude])
+        places, origin = ([one.columns[name][:, 0] for name in ("latitude", "longitude")] for one in (channel, at))
+        there = [float(np.nanmedian(axis)) for axis in origin]
+        columns = np.column_stack(pymap3d.geodetic2enu(*places, 0.0, *there, 0.0)[:2])
     else:
         columns = channel.columns[signal.field][:, list(signal.axes)]
     return np.column_stack([np.interp(at.stamp, channel.stamp[order], axis[order]) for axis in columns.T])
@@ -387,7 +392,7 @@ def _words(sentence: str) -> str:
 
 
 def _is_ok(run: Run, name: str, t: Array | float) -> NDArray[np.bool_]:
-    """Whether a line of the diagnostics is OK at times (n,)."""
+    """True at those of the times (n,) [s] at which a line of the diagnostics is OK."""
     changes = run.said.get(name, ())
     when = np.array([-np.inf, *(at for at, _ in changes)])
     ok = np.array([False, *(line.level is Level.OK for _, line in changes)])

@@ -179,13 +179,13 @@ def expect(name: str, plan: Plan, truth: Truth, seeds: int) -> Follow:
         rows &= (truth.t[at] >= plan.outage[0]) & (truth.t[at] < plan.outage[1])
     heading = slip = None
     first = runs[0]
-    if "yaw" in first.told:
+    if "yaw" in first.estimated:
         place = MOTION.index("yaw")
         heading = _accuracy(
             [one.value[:, place] for one in runs], without.value[:, place], truth.yaw[at],
             np.sqrt([one.pose_covariance[:, 5, 5] for one in runs]), rows,
         )  # fmt: skip
-    if first.tells_side_slip:
+    if first.has_side_slip:
         slip = _accuracy(
             [one.side_slip[:, 0] for one in runs], without.side_slip[:, 0], truth.side_slip[at],
             np.array([one.side_slip[:, 1] for one in runs]), rows,

@@ -159,6 +159,7 @@ def _examine_rows(count: int, only: str, chosen: str, out: Path) -> None:
     from vsense_ros.assess import fault_rows as job
     from vsense_ros.errors import InputError
     from vsense_ros.evaluate.terminal import console, progress, say
+    from vsense_ros.files.atomic import atomic_write
 
     rows = job.some_rows(count, [row for row in job.rows() if only in row.name])
     if not rows:
@@ -173,7 +174,8 @@ def _examine_rows(count: int, only: str, chosen: str, out: Path) -> None:
             done((i + 1) / len(rows))
     content = {"summary": job.summary(outcomes), "rows": job.as_json(outcomes)}
     out.parent.mkdir(parents=True, exist_ok=True)
-    out.write_text(json.dumps(content, indent=2) + "\n", encoding="utf-8")
+    with atomic_write(out) as file:
+        file.write(json.dumps(content, indent=2) + "\n")
     console().print(job.table(outcomes))
     for name, why in left_out.items():
         say(f"Without {name}: {why}")

@@ -10,7 +10,7 @@ from vsense_ros.evaluate.balance import Balance
 from vsense_ros.evaluate.metrics import SignalScore
 from vsense_ros.evaluate.signals import SIGNALS, Signal
 
-HEADINGS = ("RMSE", "in 2σ", "NEES", "trivial", "NRMSD", "bias", "lag")
+HEADINGS = ("RMSE", "in 2σ", "NEES", "trivial", "NRMSD\n[%]", "bias", "lag\n[ms]")  # of two lines in a terminal
 LEGEND = (
     "In 2σ: share of the errors within two of the standard deviations that the filter states, 95 % if these are right. "
     "NEES: mean square of error over standard deviation, 1 if they are right. Trivial: RMSE of what costs nothing: "
@@ -29,8 +29,8 @@ def score_cells(name: str, found: SignalScore, trivial: tuple[str, SignalScore] 
     signal = SIGNALS[name]
     unit = ("" if signal.shown_unit.startswith("°") else " ") + signal.shown_unit
     bias = found.bias * signal.shown_per_unit
-    nrmsd = "–" if found.nrmsd_percent is None or not signal.ranged else f"{found.nrmsd_percent:.2f} %"
-    lag = "–" if found.lag_s is None else f"{found.lag_s * 1e3:+.1f} ms"
+    nrmsd = "–" if found.nrmsd_percent is None or not signal.ranged else f"{found.nrmsd_percent:.2f}"
+    lag = "–" if found.lag_s is None else f"{found.lag_s * 1e3:+.1f}"
     inside = "–" if found.within_2s is None else f"{100 * found.within_2s:.0f} %"
     nees = "–" if found.nees is None else f"{found.nees:.2f}" if found.nees < 100 else f"{found.nees:.0f}"
     known = "" if found.known > 0.995 else f" in {100 * found.known:.0f} %"

@@ -135,7 +135,7 @@ class TermSize(_Part):
 
 
 class Force(_Part):
-    """A force, torque, angle or reading without known physics that describes what is left over."""
+    """A force, torque, angle or reading without known physics that describes the residuals."""
 
     description: str = _field("In words.")
     sizes: tuple[TermSize, ...] = _field("Its coefficients.")

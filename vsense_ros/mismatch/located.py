@@ -82,7 +82,7 @@ def _signals_off(residuals: Residuals, base: Fit, there: Residuals, off: list[Ar
 
 
 def _force(judged: Judged, validation: Validation) -> Force | None:
-    """The force, torque, angle or reading that describes what is left over, where that was asked and is proven."""
+    """The force, torque, angle or reading that describes the residuals, where that was asked and is proven."""
     if judged.verdict != "unknown" or judged.leader is None:
         return None
     return term_in_words(judged.leader, validation)

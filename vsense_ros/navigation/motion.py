@@ -40,7 +40,7 @@ class Motions:
     twist_covariance: Array  # (n, 6, 6)
     acceleration_covariance: Array  # (n, 3, 3)
     side_slip: Array  # (n, 3): angle, deviation, rate (not estimated: 0)
-    told: tuple[str, ...]
+    estimated: tuple[str, ...]  # names of `MOTION`
     parameter_names: tuple[str, ...]
     parameters: Array
     deviations: Array
@@ -53,23 +53,23 @@ class Motions:
         pose, twist = row(self.pose_covariance), row(self.twist_covariance)
         orientation = messages.quaternion(np.nan_to_num(v[..., 3:6]))  # an angle that is not estimated is zero
         found = [messages.odometry(stamp, v[..., 0:3], orientation, pose, v[..., 6:9], v[..., 9:12], twist)]
-        if "forward_acceleration" in self.told:
+        if "forward_acceleration" in self.estimated:
             rows = v.shape[:-1]
             covariance = np.zeros((*rows, 6, 6))
             covariance[..., :3, :3] = row(self.acceleration_covariance)
             covariance[..., [3, 4, 5], [3, 4, 5]] = messages.UNTOLD
             flat = covariance.reshape(*rows, 36)
             found.append(messages.acceleration(stamp, v[..., 12:15], np.zeros((*rows, 3)), flat))
-        if self.tells_side_slip:
+        if self.has_side_slip:
             found.append(messages.side_slip(stamp, row(self.side_slip)))
         if self.parameter_names:
             found.append(messages.parameters(stamp, self.parameter_names, row(self.parameters), row(self.deviations)))
         return found
 
     @property
-    def tells_side_slip(self) -> bool:
+    def has_side_slip(self) -> bool:
         """True if the filter estimates the lateral velocity, or the angle itself."""
-        return "side_slip" in self.told or {"forward_velocity", "lateral_velocity"} <= set(self.told)
+        return "side_slip" in self.estimated or {"forward_velocity", "lateral_velocity"} <= set(self.estimated)
 
 
 class Readout:
@@ -96,7 +96,7 @@ class Readout:
         self._functions, self.parameter_names = functions, tuple(slow)
         source = {name: (i, j) for i, told_by in enumerate(names) for j, name in enumerate(told_by)}
         self._told = [(MOTION.index(name), *source[name]) for name in MOTION if name in source]
-        self.told = tuple(name for name in MOTION if name in source)
+        self.estimated = tuple(name for name in MOTION if name in source)
 
     def snapshot(self, stamp: int) -> Snapshot:
         """The filter now."""
@@ -124,9 +124,9 @@ class Readout:
             for other, j, column in self._told:
                 if i == j:
                     covariance[:, place, other] = of_parts[i][1][:, row, column]
-        untold = [i for i, name in enumerate(MOTION) if name not in self.told]
-        covariance[:, untold, untold] = messages.UNTOLD
-        slip = _side_slip(value, covariance, self.told)
+        absent = [i for i, name in enumerate(MOTION) if name not in self.estimated]
+        covariance[:, absent, absent] = messages.UNTOLD
+        slip = _side_slip(value, covariance, self.estimated)
         parameters = np.hstack([np.array([s.parts[i][0][m] for s in snapshots]) for i, m, _ in self._slow])
         variances = np.hstack([np.array([s.parts[i][1].diagonal()[e] for s in snapshots]) for i, _, e in self._slow])
         return Motions(
@@ -136,21 +136,21 @@ class Readout:
             covariance[:, 6:12, 6:12],
             covariance[:, _ACCELERATIONS, _ACCELERATIONS],
             slip,
-            self.told,
+            self.estimated,
             self.parameter_names,
             parameters,
             np.sqrt(variances.clip(min=0)),
         )
 
 
-def _side_slip(value: Array, covariance: Array, told: Sequence[str]) -> Array:
+def _side_slip(value: Array, covariance: Array, estimated: Sequence[str]) -> Array:
     """Angle, standard deviation and rate (n, 3); zero with an infinite deviation at rest. The rate is not told."""
     found = np.zeros((len(value), 3))
     forward, lateral = np.nan_to_num(value[:, [_FORWARD, _LATERAL]]).T
     rests = np.hypot(forward, lateral) < _SMALLEST_SPEED
-    if "side_slip" in told:
+    if "side_slip" in estimated:
         angle, variance = value[:, _SIDE_SLIP], covariance[:, _SIDE_SLIP, _SIDE_SLIP]
-        rests &= "forward_velocity" in told
+        rests &= "forward_velocity" in estimated
     else:
         square = np.maximum(forward**2 + lateral**2, _SMALLEST_SPEED**2)
         slope = np.stack([-lateral / square, forward / square], axis=1)

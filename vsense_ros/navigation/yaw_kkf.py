@@ -40,7 +40,7 @@ class YawKkf(NavigationSpace):
     """See the module. `bias_deviation` [rad/s] was that of the bias at the last fix; fixes have
     shown a heading that cannot be for `wrong` [s], and the course is still believed for `lost` [s]."""
 
-    names: tuple[str, ...] = ("yaw", "gyro_bias")
+    names = ("yaw", "gyro_bias")
     inputs = ("yaw_rate", "since_fix", "bias_deviation", "wrong", "lost")
     parameters = ("gyro_noise", "sample_time", "straight_rate")
     prior: Mapping[str, float] = {"yaw": 0.05, "gyro_bias": BIAS}

@@ -222,7 +222,7 @@ class KinematicAdapter(Adapter):
 
     def vitals(self, snapshot: Snapshot) -> Vitals:
         motions = self.readout.motions([snapshot])
-        value, reported = motions.value[0], set(motions.told)
+        value, reported = motions.value[0], set(motions.estimated)
         tilts = [abs(value.item(MOTION.index(name))) for name in ("roll", "pitch") if name in reported]
         deviation = motions.twist_covariance[0, 0, 0] ** 0.5 if "forward_velocity" in reported else np.nan
         return Vitals(max(tilts, default=np.nan), np.nan, self._speed, float(deviation), value)

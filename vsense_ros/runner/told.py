@@ -130,7 +130,7 @@ def _motion(adapter: KinematicAdapter, snapshots: list[Snapshot], t: Array) -> N
     found = np.full(len(t), 1)
 
     def of(name: str) -> Array | None:
-        return motions.value[:, MOTION.index(name)] if name in motions.told else None
+        return motions.value[:, MOTION.index(name)] if name in motions.estimated else None
 
     speed, rate = of("forward_velocity"), of("yaw_rate")
     if rate is None and (yaw := of("yaw")) is not None and len(t) > 1:
