@@ -91,7 +91,7 @@ def _failure(runner: Runner, recording: Recording, first: int) -> str:
     unheard = [line.name for line in runner.diagnostics() if line.level == Level.STALE and line.name in runner.names]
     hint = f"; nothing was heard of {', '.join(unheard)}, without which the model may not fit" if unheard else ""
     return (
-        f"{recording.name or 'recording'}: the filter {runner.adapter.name} diverged {(stamp - first) * 1e-9:.1f} s "
+        f"{recording.name or 'recording'}: the filter diverged {(stamp - first) * 1e-9:.1f} s "
         f"after its start{more}: {why}{hint}"
     )
 
