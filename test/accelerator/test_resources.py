@@ -20,7 +20,7 @@ def test_every_variant_of_every_kernel_has_its_resources_on_record_with_the_cloc
     assert {name: entry["cycles"] for name, entry in known.items()} == wanted
 
 
-@pytest.mark.slow
+@pytest.mark.exam
 @pytest.mark.skipif(shutil.which("yosys") is None, reason="needs yosys: make hw-tools")
 def test_the_smallest_variant_has_the_resources_on_record() -> None:
     kernel = KERNELS["body_mass"]

@@ -34,6 +34,7 @@ def test_what_noise_and_model_leave_makes_up_the_error_of_a_filter(truth):
     assert slip.rmse**2 == pytest.approx(slip.noise**2 + slip.model**2, rel=0.15)
 
 
+@pytest.mark.exam
 def test_the_heading_is_as_well_known_as_the_filter_states_and_twenty_draws_of_the_noise_show(truth):
     heading = job.expect("yaw_kkf", job.Plan(MANOEUVRE, Errors()), truth, 20).heading
     assert heading.stated == pytest.approx(heading.rmse, rel=0.2)
@@ -99,7 +100,7 @@ def test_what_cannot_be_is_said(plan, names, told, store):
         job.design(plan, names, store)
 
 
-@pytest.mark.slow
+@pytest.mark.exam
 def test_the_command_writes_a_picture_and_figures_and_names_what_to_buy(tmp_path, monkeypatch):
     monkeypatch.setattr(job, "RATES", (1.0,))
     out = tmp_path / "design"

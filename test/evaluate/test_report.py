@@ -117,6 +117,7 @@ def test_the_picture_is_written_as_png_and_svg(whole, tmp_path):
     assert "<svg" in svg.read_text()[:1000]
 
 
+@pytest.mark.exam
 def test_the_same_drive_gives_the_same_picture_to_the_byte(whole, tmp_path):
     assert draw(whole, tmp_path / "a")[1].read_bytes() == draw(whole, tmp_path / "b")[1].read_bytes()
 

@@ -192,6 +192,7 @@ def test_whatever_the_sensors_are_called_compilers_take_it(vehicle: Vehicle, tmp
         assert (done.returncode, done.stderr) == (0, "")
 
 
+@pytest.mark.exam
 def test_the_example_rolls_on_at_its_speed_and_carries_the_cars_weight(
     sources: Path, vehicle: Vehicle, tmp_path: Path
 ) -> None:

@@ -102,6 +102,7 @@ def test_a_filter_in_c_begins_as_that_in_python(name: str, tmp_path: Path) -> No
     np.testing.assert_allclose(found.covariance, expected.covariance, rtol=1e-14, atol=1e-14)
 
 
+@pytest.mark.exam
 @needs_compiler
 def test_a_comparison_finds_sources_of_another_car(tmp_path: Path) -> None:
     physics = car().physics

@@ -162,6 +162,7 @@ def test_the_state_of_another_vehicle_is_refused(units: dict[int, Path], vehicle
     unit.close()
 
 
+@pytest.mark.exam
 def test_a_unit_of_another_vehicle_has_another_token(vehicle: Vehicle) -> None:
     heavier = vehicle.with_parameters({"chassis.mass": vehicle.physics.chassis.mass + 1})
     assert fmu.Unit(vehicle).token(2) != fmu.Unit(heavier).token(2)

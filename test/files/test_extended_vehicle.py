@@ -208,7 +208,7 @@ def test_a_known_slope_is_what_the_filter_starts_with_and_goes_back_to(extended:
 # The commands
 
 
-@pytest.mark.slow
+@pytest.mark.exam
 def test_the_simulated_car_slows_down_by_the_drag_and_the_slope_of_its_file(
     bare: Vehicle, driven: dict[str, Recording]
 ) -> None:

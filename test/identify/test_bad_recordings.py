@@ -77,6 +77,7 @@ def test_a_parameter_that_is_not_there_is_refused_with_the_nearest_names(
         identify([lane_change], car, "best", free=(free,))
 
 
+@pytest.mark.exam
 def test_drives_of_two_cars_are_not_taken_for_one(car: Vehicle, lane_change: Recording) -> None:
     other = car.with_parameters({"chassis.mass": 2400.0, "chassis.yaw_inertia": 5500.0, "front.cornering_scale": 0.7})
     second = record(drive(MANOEUVRES["double_lane_change"], other), other, 2, name="another car")
@@ -84,6 +85,7 @@ def test_drives_of_two_cars_are_not_taken_for_one(car: Vehicle, lane_change: Rec
         identify([lane_change, second], car, "single_track")
 
 
+@pytest.mark.exam
 def test_what_a_gentle_drive_does_not_tell_is_refused_by_name_with_the_driving_that_would_tell_it(car: Vehicle) -> None:
     gentle = record(drive(MANOEUVRES["lane_change_25"], car), car, 1, name="gentle")
     found = identify([gentle], car, "single_track", free=("front_stiffness", "front_peak", "front_curvature"))

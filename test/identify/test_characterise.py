@@ -192,7 +192,7 @@ def test_absent_and_infinite_values_become_no_wrong_numbers(
     assert ratios == pytest.approx([0.288] * len(ratios), abs=0.01)
 
 
-@pytest.mark.slow
+@pytest.mark.exam
 def test_the_saloon_is_what_its_file_says(saloon: Vehicle) -> None:
     found = characterise("saloon", drive_tests(saloon), saloon)
     assert value(found, "steering ratio").value == pytest.approx(17.58, rel=0.005)

@@ -65,6 +65,7 @@ def test_a_parameter_that_starts_at_its_bound_or_is_unknown_is_refused_by_name()
         check_free(["front_peek"], Best4Dof.parameters, "best")
 
 
+@pytest.mark.exam
 def test_a_stored_set_is_taken_by_its_own_car_alone(tmp_path: Path) -> None:
     car = load_vehicle(vehicle_path("rav4"))
     OnlineIdentification(car).save(tmp_path / "set.json")

@@ -123,7 +123,7 @@ def test_the_lane_change_has_the_gates_of_the_thesis(saloon: Vehicle) -> None:
         assert left - right == pytest.approx(0.25 + (width - 0.25) / wide, abs=0.01)
 
 
-@pytest.mark.slow
+@pytest.mark.exam
 def test_the_driver_keeps_to_the_tightest_track(saloon: Vehicle) -> None:
     drive_ = drive("slalom", saloon)
     along = Along(TRACKS["slalom"])

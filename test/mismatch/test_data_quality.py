@@ -272,7 +272,7 @@ def test_a_fit_that_is_still_changing_is_none_to_start_from():
     assert misfit(near, SimpleNamespace(level=Residuals.level)) == ""
 
 
-@pytest.mark.slow
+@pytest.mark.exam
 def test_a_file_of_another_car_that_leaves_the_road_with_the_recorded_inputs_is_asked_about():
     ice = prototype().with_parameters({"front.grip_scale": 0.05, "rear.grip_scale": 0.02})
     found = explain_recordings([driven(prototype(), "slalom")], ice).answer

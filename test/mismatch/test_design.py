@@ -40,7 +40,7 @@ def untold_torques() -> Vehicle:
     return without(prototype(), "wheel_torques")
 
 
-@pytest.mark.slow
+@pytest.mark.exam
 def test_a_delay_and_a_relaxing_tyre_are_told_apart_by_a_sweep_and_not_by_rolling_out():
     rivals = [rival("tyre_relaxation", front=0.5, rear=0.5), rival("sensor_delay", imu=0.02)]
     best, *_, worst = separations(prototype(), rivals, {}, choice("coast_down", "step_steer", "steering_sweep"))
@@ -57,7 +57,7 @@ def test_an_effect_is_not_told_from_itself():
     assert found.distance == pytest.approx(0.0, abs=1e-6)
 
 
-@pytest.mark.slow
+@pytest.mark.exam
 def test_a_size_makes_up_for_a_difference_as_far_as_it_is_uncertain():
     def distance(known: float) -> float:
         sizes = [rival("rolling_resistance", known, coefficient=c) for c in (0.010, 0.012)]
@@ -67,7 +67,7 @@ def test_a_size_makes_up_for_a_difference_as_far_as_it_is_uncertain():
     assert distance(1.0) < 0.1 * distance(0.001)
 
 
-@pytest.mark.slow
+@pytest.mark.exam
 def test_a_slope_is_told_from_a_bias_by_driving_the_other_way():
     """Forward, with unknown torques, gravity along the car and a bias of its accelerometer are one and the same."""
     rivals = [rival("road_grade", grade=0.02), rival("accelerometer_bias", x=0.196)]

@@ -168,7 +168,7 @@ def test_what_happens_with_one_vehicle_does_not_stop_the_others_and_results_keep
     assert shares[-1] == pytest.approx(1.0)
 
 
-@pytest.mark.slow
+@pytest.mark.exam
 def test_a_process_that_dies_costs_its_own_vehicle_alone(tmp_path):
     for name in ("a", "b"):
         folder_of(tmp_path, name, "drive.mcap")

@@ -71,7 +71,7 @@ def rms(values: np.ndarray) -> float:
     return float(np.sqrt(np.mean(values**2)))
 
 
-@pytest.mark.slow
+@pytest.mark.exam
 def test_on_a_road_that_is_known_the_observer_has_less_doubt_of_its_bank_and_of_the_slip(drive, rows):
     """Against the truth; fixes come late, so that the observer keeps going back."""
     anywhere = estimated(prototype(), drive)
@@ -107,6 +107,7 @@ def standing(vehicle: Vehicle, east: float) -> CarFilter:
     return ekf
 
 
+@pytest.mark.exam
 def test_where_a_surveyed_road_begins_and_ends_the_estimated_slope_stays():
     """It is not the road that ends."""
     on_map = Map(ORIGIN)

@@ -156,7 +156,7 @@ def test_the_unshrunk_size_of_what_is_named_is_hardly_drawn_to_zero():
     assert unshrunk.gain == pytest.approx(alone.gain, abs=0.01)
 
 
-@pytest.mark.slow
+@pytest.mark.exam
 def test_what_is_not_there_adds_nothing_to_what_is_and_that_adds_to_it():
     search = searched(["brake_drag fl", "rolling_resistance"], "sweep", "slalom", brake_drag={"fl": 60.0})
     hidden, other = search.single()

@@ -155,7 +155,7 @@ def test_a_filter_without_its_sensor_is_refused_with_its_name(car: Vehicle) -> N
         Runner(poor, make=every_filter()["triple_kkf"].make)
 
 
-@pytest.mark.slow
+@pytest.mark.exam
 def test_smoothing_halves_the_error_between_rare_fixes(car: Vehicle) -> None:
     drive = SineDrive(40.0).recording(gnss_every=100)
     forward, backward = run(drive, car, "inertial"), run_smoothed(drive, car, "inertial")

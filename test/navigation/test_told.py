@@ -66,7 +66,7 @@ def test_a_drive_on_which_the_filter_never_starts_is_refused(car, winding):
         told(without_velocity(winding, -1.0, 100.0), car, "inertial")
 
 
-@pytest.mark.slow
+@pytest.mark.exam
 def test_the_command_says_what_would_tell_the_rest(tmp_path: Path, winding):
     bag = tmp_path / "straight"
     write_bag(bag, winding.between(0.0, 7.5))

@@ -140,6 +140,7 @@ def test_what_cannot_be_used_is_told_and_the_port_is_read_on(tmp_path: Path) -> 
     assert "b'x" in warnings[-1]
 
 
+@pytest.mark.exam
 def test_a_tcp_sensor_that_lost_its_power_is_missed_and_connected_again() -> None:
     dead: list[socket.socket] = []
     deaf = ctypes.create_string_buffer(struct.pack("HBBI", 6, 0, 0, 0))  # a socket filter that drops what arrives

@@ -343,6 +343,7 @@ def test_a_fault_that_nobody_foresaw_in_a_sentence_does_not_come_back_with_the_n
     assert driver.published["gps/velocity"] == 1
 
 
+@pytest.mark.exam
 def test_a_can_log_whose_times_count_from_its_start_is_replayed_after_the_lead_of_the_clock(
     start: Start, tmp_path: Path
 ) -> None:
@@ -510,6 +511,7 @@ def test_a_recorder_tells_which_of_its_topics_nobody_publishes_and_on_which_noth
         client.until(lambda: bool(health) and health[-1].status[0].message == expected)
 
 
+@pytest.mark.exam
 def test_a_recorder_tells_times_of_arrival_also_after_the_clock_was_set_back(
     start: Start, environment: Mapping[str, str], tmp_path: Path
 ) -> None:
@@ -764,6 +766,7 @@ def test_a_recorder_does_not_touch_what_is_no_bag(environment: Mapping[str, str]
     assert (tmp_path / "thesis.tex").read_text() == "years of work"
 
 
+@pytest.mark.exam
 def test_a_recorder_that_is_started_again_goes_on_beside_what_it_has_recorded(start: Start, tmp_path: Path) -> None:
     for _ in range(3):
         recorder = start("recorder", bag=str(tmp_path / "bag"))

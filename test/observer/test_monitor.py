@@ -44,7 +44,7 @@ def test_with_nothing_hidden_it_is_quiet_for_minutes(name: str) -> None:
     assert beyond(driven(name, 20, duration=130.0)) == {}
 
 
-@pytest.mark.slow
+@pytest.mark.exam
 def test_a_brake_that_begins_to_drag_is_named_with_its_wheel_before_all_else_and_within_a_window() -> None:
     found = beyond(driven("slalom", 21, drag=50.0, begin=BEGIN))
     assert next(iter(found)) == "torque of wheel fl"

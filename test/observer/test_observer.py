@@ -246,7 +246,7 @@ def without(vehicle: Vehicle, *names: str) -> Vehicle:
     return vehicle.model_copy(update={"sensors": {n: s for n, s in vehicle.sensors.items() if n not in names}})
 
 
-@pytest.mark.parametrize("missing", [(), ("velocity",), ("velocity", "position")])
+@pytest.mark.parametrize("missing", [pytest.param((), marks=pytest.mark.exam), ("velocity",), ("velocity", "position")])
 def test_two_antennas_tell_the_heading_of_a_standing_car(
     missing: tuple[str, ...], vehicle: Vehicle, standing: Recording
 ) -> None:

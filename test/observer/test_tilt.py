@@ -116,7 +116,7 @@ def country_road(plant: Vehicle) -> Recording:
     return record(drive, plant, 4, name="country road")
 
 
-@pytest.mark.slow
+@pytest.mark.exam
 def test_on_rises_it_is_told_where_no_height_is_known(vehicle: Vehicle, country_road: Recording) -> None:
     assert not any("tilted" in line.message for line in said(country_road, vehicle))
     words = said(leaning(country_road, 0.0, 5.0), vehicle)[-1].message

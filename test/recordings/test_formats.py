@@ -171,7 +171,7 @@ def bombs(folder: Path) -> dict[str, tuple[Path, dict]]:
     return found
 
 
-@pytest.mark.slow
+@pytest.mark.exam
 def test_files_that_unpack_to_gigabytes_are_refused_in_bounded_memory(tmp_path: Path) -> None:
     import resource
     import subprocess
@@ -193,7 +193,7 @@ def test_files_that_unpack_to_gigabytes_are_refused_in_bounded_memory(tmp_path: 
     assert resource.getrlimit(resource.RLIMIT_DATA)[0] == resource.RLIM_INFINITY
 
 
-@pytest.mark.slow
+@pytest.mark.exam
 def test_a_table_of_text_takes_little_more_than_twice_its_size(tmp_path: Path) -> None:
     """What the libraries take at their first use is left out by a small table before."""
     import subprocess

@@ -27,6 +27,7 @@ def test_nothing_is_found_in_a_clean_drive(manoeuvre: str) -> None:
     assert inspect(planted.drive(manoeuvre, "prototype_real", 0)).problems == ()
 
 
+@pytest.mark.exam
 def test_a_course_that_turns_before_the_car_does_is_no_late_clock() -> None:
     """At low speed a point ahead of the rear axle moves where the car will only point to later."""
     assert inspect(planted.drive("slalom", "genesis", 1)).problems == ()

@@ -22,7 +22,7 @@ def test_every_figure_names_a_drive_filters_and_quantities_that_exist_and_a_file
     assert {figure.row for figure in job.FIGURES if figure.file.startswith("figures_5_18")} == set(ROWS)
 
 
-@pytest.mark.slow
+@pytest.mark.exam
 def test_a_figure_shows_the_truth_of_its_drive_and_errors_against_it(tmp_path):
     figure = next(one for one in job.FIGURES if one.file == "figure_4_32_slalom")
     path = job.over_time(figure, tmp_path, tmp_path)
