@@ -137,8 +137,10 @@ def _in_one_line(values: list[float]) -> CommentedSeq:
 
 
 def _resolved(path: Path, tree: CommentedMap) -> Any:
-    """The file's content, with the parameters of `.tir` files in the place of their names."""
+    """The file's content, with the parameters of `.tir` files in the place of their names, and the deviations that the
+    section `uncertainty` has of parameters that the observer estimates."""
     plain = _plain(tree)
+    _fill_deviations(plain)
     physics = plain.get("physics")
     for axle in ("front", "rear"):
         part = physics.get(axle) if isinstance(physics, dict) else None
@@ -159,6 +161,18 @@ def _resolved(path: Path, tree: CommentedMap) -> Any:
         except InputError as error:
             raise InputError(f"{where}: {error}") from None
     return plain
+
+
+def _fill_deviations(plain: Any) -> None:
+    """Let `observer.parameters` leave out a deviation that the section `uncertainty` has."""
+    uncertainty, observer = plain.get("uncertainty"), plain.get("observer")
+    parameters = observer.get("parameters") if isinstance(observer, dict) else None
+    if not isinstance(parameters, dict) or not isinstance(uncertainty, dict):
+        return
+    for name, settings in parameters.items():
+        known = uncertainty.get(f"physics.{name}")
+        if isinstance(settings, dict) and isinstance(known, dict) and "deviation" in known:
+            settings.setdefault("deviation", known["deviation"])
 
 
 def _plain(node: Any) -> Any:

@@ -31,7 +31,8 @@ from vsense_ros.model.vehicle import Vehicle
 from vsense_ros.observer.catalogue import FILTERS
 from vsense_ros.runner import run
 
-# Of its value, how far each may well be off; what `--free` names besides is taken to be known to PRIOR.
+# Of its value, how far each may well be off where the vehicle file does not say; what `--free` names besides is taken
+# to be known to PRIOR.
 FREE = {
     "chassis.mass": 0.1, "chassis.yaw_inertia": 0.15, "front.cornering_scale": 0.25, "rear.cornering_scale": 0.25,
     "road.friction": 0.1,
@@ -67,7 +68,8 @@ def identify(
             raise InputError(f"--free: the car has no parameter {name!r}; nearest are {near}")
         if not values[name]:
             raise InputError(f"--free: {name} is zero in the vehicle file; give it a value to start from")
-    prior = {name: FREE.get(name, PRIOR) * abs(values[name]) for name in wanted}
+    stated = vehicle.deviations()
+    prior = {name: stated.get(name, FREE.get(name, PRIOR) * abs(values[name])) for name in wanted}
     now = {name: values[name] for name in wanted}
     deviations = dict(prior)
     for i, recording in enumerate(recordings):
@@ -82,7 +84,11 @@ def identify(
             )
             + ". Brake and accelerate for the mass, drive bends up to the limit for the tyres"
         )
-    changed = vehicle.with_parameters({name: now[name] for name in wanted if told[name]})
+    determined = [name for name in wanted if told[name]]
+    changed = vehicle.with_parameters({name: now[name] for name in determined}).with_deviations(
+        {name: deviations[name] for name in determined},
+        "identified from " + ", ".join(recording.name for recording in recordings),
+    )
     slips = {}
     for recording in (*recordings, *held_out):
         if "reference/odometry" in recording:

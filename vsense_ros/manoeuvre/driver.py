@@ -54,7 +54,7 @@ def wheelbase(vehicle: Vehicle) -> float:
 
 def cornering_stiffness(axle: Axle, load: float) -> float:
     """Cornering stiffness of both tyres of an axle together, each under `load` [N]; [N/rad]."""
-    return 2 * float(axle.tyre.cornering_stiffness_at(load))
+    return 2 * float(axle.tyre.cornering_stiffness_at(load)) * axle.cornering_scale
 
 
 def understeer_gradient(vehicle: Vehicle) -> float:

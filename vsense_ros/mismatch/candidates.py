@@ -31,7 +31,8 @@ def _forward(values: Values, offset: float) -> dict[str, float]:
 
 GRIP = (0.0, 0.2, -0.2)  # offsets of all grip from which to begin: a car that slides has a local minimum of its own
 
-# What a vehicle file never knows exactly. Deviations are what catalogues, scales and tyre tests leave open.
+# What a vehicle file never knows exactly. Deviations are what catalogues, scales and tyre tests leave open; those of a
+# vehicle file that states them replace these.
 BASE = (
     _relative("mass", 0.1, "chassis.mass"),
     FreeParameter("centre of gravity, forward over wheelbase", "-", 0.03, -0.15, 0.15, _forward),
@@ -74,7 +75,19 @@ def base_parameters(
         if deviation > 0
     ]
     shared = UNKNOWN_TORQUES if "wheel_speeds" in kinds and "wheel_torques" not in kinds else ()
-    return (*BASE, *shared, *common)
+    stated = vehicle.deviations()
+    return (*(_as_stated(parameter, values, stated) for parameter in BASE), *shared, *common)
+
+
+def _as_stated(parameter: FreeParameter, values: Values, stated: Values) -> FreeParameter:
+    """A base parameter with the deviation that the vehicle file states for the first of its numbers."""
+    name = parameter.names(values)[0]
+    if name not in stated:
+        return parameter
+    whole = values[name]
+    if parameter.apply is _forward:
+        whole = values["chassis.cog_to_front_axle"] + values["chassis.cog_to_rear_axle"]
+    return replace(parameter, deviation=stated[name] / abs(whole)) if whole else parameter
 
 
 @dataclass(frozen=True)

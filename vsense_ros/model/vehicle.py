@@ -6,11 +6,12 @@ Lengths in metres from `cog`, the centre of gravity in the design position; axes
 from __future__ import annotations
 
 from difflib import get_close_matches
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import numpy as np
 from numpy.typing import NDArray
-from pydantic import AfterValidator, Field, ValidationError, model_validator
+from pydantic import AfterValidator, BaseModel, Field, ValidationError, model_validator
+from pydantic.fields import FieldInfo
 
 from vsense_ros.model.effects import Effects
 from vsense_ros.model.parameter import Part, Triple, numbers, parameter, vector, with_values
@@ -19,6 +20,7 @@ from vsense_ros.model.schema.linkage import Linkages
 from vsense_ros.model.schema.observer_settings import ObserverSettings
 from vsense_ros.model.schema.physics import NominalPhysics
 from vsense_ros.model.schema.suspension_tables import SuspensionTables
+from vsense_ros.model.schema.uncertainty import Uncertainty
 from vsense_ros.model.sensors import SensorBase, any_sensor
 
 SWINGING_SHARE = 0.3  # of the car's mass at most: beyond, what is left is no rigid body with a pendulum on it
@@ -67,6 +69,20 @@ class Vehicle(Part):
     sensors: dict[SensorName, Sensor] = Field(description="sensors by name", default_factory=dict)
     observer: ObserverSettings = ObserverSettings()
     reference: Reference = Reference()
+    uncertainty: dict[str, Uncertainty] = Field(
+        description="standard deviations of numbers of this file, by their dotted keys: where identification begins",
+        default_factory=dict,
+    )
+
+    @model_validator(mode="after")
+    def _uncertain_numbers_exist(self) -> Vehicle:
+        for path in self.uncertainty:
+            if self.number(path) is None:
+                raise ValueError(
+                    f"uncertainty has {path}, which is no number of this file; keys are dotted, such as "
+                    "physics.chassis.mass or sensors.imu.position"
+                )
+        return self
 
     @model_validator(mode="after")
     def _estimated_parameters_exist_and_start_within_their_bounds(self) -> Vehicle:
@@ -136,6 +152,47 @@ class Vehicle(Part):
     def values(self) -> dict[str, float]:
         """Physical parameters by dotted name."""
         return dict(numbers(self.physics))
+
+    def number(self, path: str) -> float | tuple[float, ...] | None:
+        """The number, or the list of numbers, at a dotted path of the file such as `physics.chassis.mass` or
+        `sensors.imu.position.0`; None where there is none."""
+        node = self._at(path)[0]
+        return node if isinstance(node, float | tuple) else None
+
+    def unit(self, path: str) -> str:
+        """The unit of the number at a dotted path; empty where there is none."""
+        field = self._at(path)[1]
+        extra = field.json_schema_extra if field is not None else None
+        return str(extra.get("unit", "")) if isinstance(extra, dict) else ""
+
+    def _at(self, path: str) -> tuple[Any, FieldInfo | None]:
+        """What stands at a dotted path, and the field that it is, or is an element of; None for nothing."""
+        node: Any = self
+        field: FieldInfo | None = None
+        for key in path.split("."):
+            if isinstance(node, BaseModel) and key in type(node).model_fields:
+                node, field = getattr(node, key), type(node).model_fields[key]
+            elif isinstance(node, dict) and key in node:
+                node = node[key]
+            elif isinstance(node, tuple) and key.isdigit() and int(key) < len(node):
+                node = node[int(key)]
+            else:
+                return None, None
+        return node, field
+
+    def deviations(self) -> dict[str, float]:
+        """Standard deviations of physical parameters by the names of `values`, of those that the file has any for."""
+        prefix = "physics."
+        return {
+            path.removeprefix(prefix): known.deviation
+            for path, known in self.uncertainty.items()
+            if path.startswith(prefix)
+        }
+
+    def with_deviations(self, changes: dict[str, float], source: str) -> Vehicle:
+        """A copy in which physical parameters, by the names of `values`, have these standard deviations."""
+        new = {f"physics.{name}": Uncertainty(deviation=value, source=source) for name, value in changes.items()}
+        return self.model_copy(update={"uncertainty": {**self.uncertainty, **new}})
 
     def parameter_vector(self) -> NDArray[np.float64]:
         """Physical parameters in the order of `values`, (n,)."""

@@ -63,7 +63,9 @@ class Disturbances(Part):
 class EstimatedParameter(Part):
     """A physical parameter that the observer estimates along with the state; the file's value is its mean at start."""
 
-    deviation: float = parameter("of the parameter", "standard deviation of the file's value", gt=0)
+    deviation: float = parameter(
+        "of the parameter", "standard deviation of the file's value; may be left out where `uncertainty` has it", gt=0
+    )
     lower: float | None = Field(
         description="least value; default: four standard deviations below the file's", default=None,
         json_schema_extra={"unit": "of the parameter"},

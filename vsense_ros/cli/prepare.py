@@ -1,0 +1,97 @@
+"""From catalogue values and an ordinary drive to a vehicle file."""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+from typing import Any
+
+import click
+
+from vsense_ros.cli.common import NEW_FILE
+
+# Options that a new vehicle cannot do without, with what is asked in a terminal and an example.
+_NEEDED = {
+    "mass": ("Mass of the car as it is driven, in kg", "1395"),
+    "wheelbase": ("Wheelbase in m", "2.63"),
+    "track": ("Track of the front wheels in m", "1.54"),
+    "tyre": ("Size of the tyres, as on their sides", "205/55R16 91V"),
+}
+_WELCOME = {
+    "axle_load_front": ("Mass on the front axle in kg", "820"),
+    "steering_ratio": ("Steering ratio", "15.5"),
+    "height": ("Height of the car in m", "1.45"),
+}
+
+
+@click.command("new-vehicle")
+@click.argument("output", type=NEW_FILE, metavar="FILE")
+@click.option("--name", help="Name of the car; default: that of the file.")
+@click.option("--mass", type=float, metavar="KG", help="Mass as it is driven, with occupants and fuel.")
+@click.option("--wheelbase", type=float, metavar="M", help="Distance between the axles.")
+@click.option("--track", type=float, metavar="M", help="Distance between the front wheels.")
+@click.option("--track-rear", type=float, metavar="M", help="Distance between the rear wheels; default: as in front.")
+@click.option("--axle-load-front", type=float, metavar="KG", help="Part of the mass on the front wheels.")
+@click.option("--tyre", metavar="SIZE", help="Such as 205/55R16 or, with its load index, 205/55R16 91V.")
+@click.option("--tyre-rear", metavar="SIZE", help="Of the rear wheels; default: as in front.")
+@click.option(
+    "--driven", type=click.Choice(["front", "rear", "all"]), default="front", show_default=True, help="Driven wheels."
+)
+@click.option("--steering-ratio", type=float, metavar="NUMBER", help="Steering-wheel angle over road-wheel angle.")
+@click.option("--height", type=float, metavar="M", help="Height of the car.")
+@click.option(
+    "--like", type=click.Choice(["compact", "saloon", "suv", "van", "formula-student"]),
+    help="Kind of car; default: what mass, wheelbase and height make likely.",
+)  # fmt: skip
+@click.option("--force", is_flag=True, help="Replace FILE if there is one.")
+def new_vehicle(output: Path, force: bool, **values: Any) -> None:
+    """Write the vehicle file FILE of a car from a few numbers of a catalogue.
+
+    Everything else is filled by rules from measurements of public cars: inertias, centre of gravity, springs, dampers,
+    anti-roll bars, tyres. Each number has its standard deviation and its source, and `identify`, `explain` and the
+    observer begin with them. In a terminal it asks for what is missing.
+
+    \b
+    Examples:
+      vsense new-vehicle my_car.yaml --mass 1395 --wheelbase 2.63 --track 1.54 --axle-load-front 820 --tyre 205/55R16
+      vsense new-vehicle racer.yaml --like formula-student
+    """
+    from vsense_ros.errors import InputError
+    from vsense_ros.evaluate.terminal import say
+    from vsense_ros.prepare.catalogue import catalogue_values
+    from vsense_ros.prepare.new_vehicle import new_vehicle as make
+    from vsense_ros.prepare.new_vehicle import write_new_vehicle
+
+    if output.exists() and not force:
+        raise InputError(f"{output} exists; give another name, or --force to replace it")
+    values["name"] = values["name"] or output.stem.replace("_", " ")
+    if sys.stdin.isatty():
+        _ask(values)
+    new = make(catalogue_values(**values))
+    write_new_vehicle(output, new)
+    say(
+        f"Written to {output}: {len(new.given)} numbers from what is given, {len(new.numbers) - len(new.given)} by the "
+        f"rules for {new.kind} cars. Next: vsense check {output} RECORDING"
+    )
+
+
+def _ask(values: dict[str, Any]) -> None:
+    """Ask for the needed values that are missing; if there was one, also for those that rules can fill."""
+    missing = [name for name in _NEEDED if values[name] is None]
+    for name in missing:
+        words, example = _NEEDED[name]
+        values[name] = click.prompt(f"{words} (such as {example})", type=str if name == "tyre" else float)
+    for name, (words, example) in _WELCOME.items() if missing else ():
+        if values[name] is None:
+            answer = click.prompt(f"{words} (such as {example}; empty: by a rule)", default="", show_default=False)
+            values[name] = _number(answer)
+
+
+def _number(text: str) -> float | None:
+    try:
+        return float(text) if text.strip() else None
+    except ValueError:
+        raise click.BadParameter(f"expected a number, found {text!r}") from None
+
+
+COMMANDS = (new_vehicle,)
