@@ -50,9 +50,12 @@ format: venv ## let ruff mend what it can
 house: venv ## the measures of the code base beside their goals, to out/house.json
 	@$(VENV)/bin/python tools/house.py
 
-docs: venv ## the pages, schemas and pictures of docs/ that are made from code
+docs: venv ## the pages of docs/ that are made from code, then the documentation as a site in out/site
 	@$(VENV)/bin/python tools/docs.py
 	@$(VENV)/bin/python tools/test_times.py --page
+	@$(VENV)/bin/pip install --quiet --disable-pip-version-check -r requirements/docs.txt
+	@NO_MKDOCS_2_WARNING=1 $(VENV)/bin/mkdocs build --quiet
+	@echo "The documentation stands in out/site/index.html."
 
 demo: venv ## the recorded drives through the ROS processes: tables, pictures, report in out/demo
 	$(VENV)/bin/vsense demo
