@@ -15,7 +15,7 @@ from vsense_ros.errors import InputError
 MODULES = {
     "reports": ("matplotlib", "plotly"),
     "formats": ("asammdf", "h5py", "rosbags", "pyarrow", "pooch"),
-    "fleet": ("distributed", "dask"),
+    "fleet": ("distributed", "dask", "cryptography"),
     "foxglove": ("foxglove",),
     "fmu": ("fmpy",),
 }

@@ -414,3 +414,11 @@ def test_a_fleet_with_a_dragging_brake_and_a_bad_bag_is_explained_and_then_known
     assert (effect.id, effect.wheel) == ("brake_drag", "fl")
     assert {use.name for use in results[0].recordings if use.reason} == {"broken"}
     assert (tmp_path / "out" / "dragging" / "vehicle.extended.yaml").is_file()
+
+
+def test_processes_of_this_machine_take_work_from_nobody_without_the_key_of_the_run() -> None:
+    with fleet.workers(None, 1) as client:
+        address = client.scheduler.address
+        assert address.startswith("tls://127.0.0.1:")
+        with pytest.raises(OSError, match=r"scheduler|connect|Timed out|closed"):
+            Client(address.replace("tls://", "tcp://"), timeout="2s")

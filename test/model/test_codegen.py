@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import logging
+import stat
 import subprocess
 import sys
 from pathlib import Path
@@ -13,6 +14,7 @@ import pytest
 from numpy.testing import assert_allclose
 
 from vsense_ros import codegen
+from vsense_ros.cache import kept, unsafe
 from vsense_ros.codegen import compile as _compile
 
 PROGRAM = """
@@ -132,6 +134,35 @@ def test_a_cache_that_cannot_be_written_is_done_without(tmp_path, monkeypatch, c
     assert not function.is_a("External", False)
     assert_allclose(value(function), value(probe()))
     assert "continuing without compiled code" in caplog.text
+
+
+@pytest.mark.usefixtures("compiler")
+def test_a_library_that_another_user_could_have_written_is_built_again(cache):
+    codegen.compiled("probe", [probe(4.0)])
+    (library,) = cache.glob("probe-*.so")
+    library.write_bytes(b"planted")
+    library.chmod(0o777)
+    (function,) = codegen.compiled("probe", [probe(4.0)])
+    assert function.is_a("External", False)
+    assert_allclose(value(function), 4 * value(probe()))
+    assert stat.S_IMODE(library.stat().st_mode) == 0o700
+
+
+@pytest.mark.parametrize("mode", [0o777, 0o757])
+def test_nothing_is_kept_below_a_folder_that_others_can_change(tmp_path, monkeypatch, mode):
+    (tmp_path / "shared").mkdir()
+    (tmp_path / "shared").chmod(mode)
+    monkeypatch.setenv("VSENSE_CACHE", str(tmp_path / "shared" / "cache"))
+    with pytest.raises(PermissionError, match=r"shared can be changed by others.*VSENSE_CACHE"):
+        kept("probe", ["content"], lambda folder: folder)
+
+
+def test_a_link_in_the_cache_is_not_followed(cache, tmp_path):
+    cache.mkdir(mode=0o700)
+    (tmp_path / "elsewhere.so").write_bytes(b"code")
+    link = cache / "library.so"
+    link.symlink_to(tmp_path / "elsewhere.so")
+    assert "is a link" in unsafe(link)
 
 
 def test_a_kernel_reads_its_arguments_and_writes_its_results_in_place():

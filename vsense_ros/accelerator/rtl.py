@@ -4,12 +4,9 @@ called through ctypes."""
 from __future__ import annotations
 
 import ctypes
-import hashlib
-import os
 import shutil
 import subprocess
 import sys
-import tempfile
 from importlib import resources
 from pathlib import Path
 from typing import Any
@@ -18,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vsense_ros.accelerator.kernels.base import Kernel, Words
-from vsense_ros.cache import compiled_folder, one_builder
+from vsense_ros.cache import kept
 from vsense_ros.errors import InputError
 
 NEEDED = ("verilator", "make", "g++")
@@ -101,17 +98,15 @@ def _built(kernel: Kernel, parameters: dict[str, int]) -> Path:
     version = subprocess.run(["verilator", "--version"], capture_output=True, text=True, check=True).stdout
     content = [version, _FLAGS, wrapper, kernel.top, repr(sorted(parameters.items()))]
     content += [file.read_text(encoding="utf-8") for file in files]
-    key = hashlib.sha256("\n".join(content).encode()).hexdigest()
-    target = compiled_folder() / f"rtl-{kernel.name}-{key[:20]}.so"
-    if target.exists():
-        return target
-    target.parent.mkdir(parents=True, exist_ok=True)
-    with one_builder(target):
-        if not target.exists():
-            with tempfile.TemporaryDirectory(dir=target.parent) as place:
-                _build(kernel, parameters, folder, files, wrapper, Path(place))
-                os.replace(Path(place) / "library.so", target)
-    return target
+
+    def make(place: Path) -> Path:
+        _build(kernel, parameters, folder, files, wrapper, place)
+        return place / "library.so"
+
+    try:
+        return kept(f"rtl-{kernel.name}", content, make)
+    except PermissionError as error:
+        raise InputError(str(error)) from None
 
 
 def _build(

@@ -8,14 +8,11 @@ Set `VSENSE_COMPILE=0` to stay on the virtual machine.
 from __future__ import annotations
 
 import ctypes
-import hashlib
 import logging
 import os
 import platform
 import shutil
-import stat
 import subprocess
-import tempfile
 from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import TypeVar
@@ -25,7 +22,7 @@ import casadi as ca
 import numpy as np
 from numpy.typing import NDArray
 
-from vsense_ros.cache import compiled_folder, one_builder
+from vsense_ros.cache import kept
 from vsense_ros.codegen import native
 
 # Below -O2 GCC leaves the upper halves of vector registers dirty, after which the functions of libm run at a quarter of
@@ -47,41 +44,6 @@ def compiler() -> str | None:
         if name and (found := shutil.which(name)):
             return found
     return None
-
-
-def _own(folder: Path) -> bool:
-    """True if a folder could be made or exists, and nobody else can put code into it that would run here."""
-    folder.mkdir(parents=True, exist_ok=True, mode=0o700)
-    if not hasattr(os, "getuid"):
-        return True
-    found = folder.stat()
-    if found.st_uid != os.getuid() or found.st_mode & stat.S_IWOTH:
-        return False
-    if found.st_mode & stat.S_IWGRP:  # with a umask of 002, where a group is its user alone
-        folder.chmod(found.st_mode & ~stat.S_IWGRP)
-    return True
-
-
-def kept(name: str, content: Sequence[str], make: Callable[[Path], Path]) -> Path:
-    """The library made from this content: the one in the cache, or else what `make` builds in an empty folder.
-
-    `make` returns the path of its result, which one step moves to its place, so that processes may build at once.
-    `name` is for humans: it begins the file's name. Raises `OSError` where nothing can be kept: also where the cache
-    belongs to somebody else, or others may write there.
-    """
-    target = compiled_folder() / f"{name}-{hashlib.sha256(chr(10).join(content).encode()).hexdigest()[:20]}.so"
-    if not _own(target.parent):
-        raise PermissionError(
-            f"{target.parent} belongs to somebody else, or others may write there: what is compiled is not kept in it; "
-            "name a folder of your own in VSENSE_CACHE"
-        )
-    if target.exists():
-        return target
-    with one_builder(target):
-        if not target.exists():
-            with tempfile.TemporaryDirectory(dir=target.parent) as folder:
-                os.replace(make(Path(folder)), target)
-    return target
 
 
 def library(name: str, source: str, flags: Sequence[str] = ()) -> Path | None:

@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from vsense_ros import codegen
+from vsense_ros import cache, codegen
 from vsense_ros.estimation.filter import Gaussian, Innovation
 from vsense_ros.export import c
 from vsense_ros.export.same_calls import Difference, ExportedFilter, lead, relative, require_start
@@ -45,7 +45,7 @@ def build(folder: Path, flags: tuple[str, ...] = FLAGS, sources: Sequence[Path] 
     texts = [file.read_text(encoding="utf-8") for file in sorted(folder.rglob("*.[ch]"))]
     names = [source.name for source in sources]
     try:
-        return ctypes.CDLL(str(codegen.kept("export", (codegen.compiler() or "", *flags, *names, *texts), make)))
+        return ctypes.CDLL(str(cache.kept("export", (codegen.compiler() or "", *flags, *names, *texts), make)))
     except OSError:  # nowhere to keep it
         with tempfile.TemporaryDirectory() as place:
             return ctypes.CDLL(str(make(Path(place))))

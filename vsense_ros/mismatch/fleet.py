@@ -173,7 +173,11 @@ def _unwritable(folder: Path) -> str:
 
 @contextmanager
 def workers(scheduler: str | None, count: int | None = None) -> Iterator[Client]:
-    """A Dask cluster: the one at an address, or processes of this machine, as many as it has cores, one thread each."""
+    """A Dask cluster: the one at an address, or processes of this machine, as many as it has cores, one thread each.
+
+    Processes of this machine talk by TLS with keys made for this run alone: whoever reaches a plain scheduler, as each
+    user of the machine does, has it run any code.
+    """
     # A recording that crashes a process does so again, and must not take other vehicles with it that wait there.
     settings = {
         "distributed.scheduler.allowed-failures": 1,
@@ -194,6 +198,7 @@ def workers(scheduler: str | None, count: int | None = None) -> Iterator[Client]
                 n_workers=count or cores,
                 threads_per_worker=1,
                 dashboard_address=None,
+                security=True,
                 env={"OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1"},
                 silence_logs=logging.ERROR,
             ) as cluster,
