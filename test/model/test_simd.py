@@ -145,6 +145,25 @@ def test_a_car_that_leaves_the_range_of_numbers_stops_alone(vehicle):
     assert np.isnan(lost.internal_state).all()
 
 
+def test_a_jacobian_that_is_renewed_seldom_moves_a_run_by_less_than_a_step_of_twice_the_length(vehicle):
+    run = driven(vehicle, 400, 0.05)
+    every, seldom = (OpenLoop(car_of(vehicle), 2, renew).runs([run])[0] for renew in (1, 8))
+    inputs = Inputs(0.01, run.inputs.inputs[::2], run.inputs.disturbances[::2])
+    longer = OpenLoop(car_of(vehicle), 1).runs([replace(run, inputs=inputs)])[0]
+    for name in ("u", "udot"):
+        moved, coarser = (np.abs(getattr(one, name) - getattr(every, name)).max() for one in (seldom, longer))
+        assert 0 < moved < 0.5 * coarser
+
+
+def test_the_loop_without_a_compiler_renews_its_jacobian_as_often(vehicle):
+    loop, plain = OpenLoop(car_of(vehicle), 2, 8), OpenLoop(car_of(vehicle), 2, 8)
+    plain._compiled = None
+    run = driven(vehicle, 60, 0.05)
+    for motion, other in zip(loop.runs([run]), plain.runs([run]), strict=True):
+        for name in ("q", "u", "udot"):
+            assert_allclose(getattr(motion, name), getattr(other, name), rtol=1e-9, atol=1e-9)
+
+
 def test_runs_with_steps_of_different_lengths_do_not_go_together(vehicle):
     loop, run = OpenLoop(car_of(vehicle)), driven(vehicle, 10, 0.0)
     with pytest.raises(ValueError, match="same length"):

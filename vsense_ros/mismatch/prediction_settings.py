@@ -16,6 +16,9 @@ class PredictionSettings:
 
     step: float = 0.005  # [s] of the simulation
     keep_every: int = 2  # steps
+    renew_every: int = (
+        8  # steps after which the Jacobian is renewed: states are the same to 1e-5 with it in every second
+    )
     side_by_side: int = 16  # runs that are given to the vectors at once, about: twice what the widest hold (AVX-512)
     remembered: int = 3  # motions of each window, besides those that are foreseen
     spun: float = 0.5  # [rad] of side slip from which cars do not come back

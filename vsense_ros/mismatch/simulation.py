@@ -42,7 +42,7 @@ class Predictor:
         self.dataset = dataset
         self.car = car_of(self.vehicle)
         self.names = self.car.parameter_names
-        self._loop = OpenLoop(self.car, PREDICTION.keep_every)
+        self._loop = OpenLoop(self.car, PREDICTION.keep_every, PREDICTION.renew_every)
         self._motions: list[dict[int, tuple[StateHistory, dict[int, dict[str, Array]]]]] = [{} for _ in dataset.windows]
         self.ahead = _at_once(len(dataset.windows), self._loop.lanes)  # parameter sets that are driven at once
         self._asked: list[tuple[ParameterSet, Mapping[str, SensorBase], list[Driving]]] = []  # the last at the end

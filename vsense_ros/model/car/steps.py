@@ -152,7 +152,7 @@ def advance_function(car: Car) -> ca.Function:
         "known": known,
     }
     first_q, first_u, q, u, reduced = _called("middle", _middle, **given, rate=rate, plain=plain)
-    rate_u, first = _accelerations_function(car)(q, u, *rest), {"first_q": first_q, "first_u": first_u}
+    rate_u, first = accelerations_function(car)(q, u, *rest), {"first_q": first_q, "first_u": first_u}
     right_q, right_u, moved = _called(
         "second_stage", _second_stage, q=q, u=u, disturbances=state[3], h=h, **first, rate_u=rate_u
     )
@@ -171,7 +171,7 @@ def _called(name: str, make: Callable[..., list[ca.SX]], **given: ca.MX) -> list
     return list(function.call(list(given.values())))
 
 
-def _accelerations_function(car: Car) -> ca.Function:
+def accelerations_function(car: Car) -> ca.Function:
     """(…) → derivatives of u (14)."""
     return ca.Function(
         "accelerations", _arguments(car), [ca.densify(car.dynamics)], _names(car), ["udot"], {"cse": True}

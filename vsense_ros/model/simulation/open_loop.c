@@ -15,7 +15,8 @@ typedef lanes anywhere __attribute__((aligned(sizeof(double))));
 const long long lanes_at_once = LANES;
 
 struct run {
-    long long keep; /* every keep-th state is kept, and is where the car is linearised */
+    long long keep;  /* every keep-th state is kept */
+    long long renew; /* every so many steps the car is linearised */
     double h;
     const long long *steps;      /* of each lane: it stands still after them */
     const anywhere *q, *u;       /* where it begins */
@@ -55,7 +56,7 @@ static void keep(double *kept, const lanes *state, const long long *alive, long 
 
 /* A lane whose motion leaves the range of numbers goes no further. */
 void open_loop(const struct run *r) {
-    static const int of_work = LINEARIZE_WORK + ADVANCE_WORK + INTERNAL_STATE_WORK;
+    static const int of_work = LINEARIZE_WORK + ACCELERATIONS_WORK + ADVANCE_WORK + INTERNAL_STATE_WORK;
     lanes work[of_work], parameters[PARAMETERS], memory[MEMORY + 1], remembered[MEMORY + 1];
     lanes q[COORDINATES], u[COORDINATES], force[COORDINATES], udot[COORDINATES];
     lanes next_q[COORDINATES], next_u[COORDINATES], inputs[INPUTS], before[INPUTS], between[INPUTS];
@@ -65,6 +66,7 @@ void open_loop(const struct run *r) {
     const lanes *in[10] = {q, u, force, disturbances, inputs, parameters, memory, &h, inverse, by_q};
     const lanes *in_between[8] = {q, u, force, disturbances, between, parameters, memory, &h};
     lanes *linearized[4] = {udot, by_q, by_u, by_q_rates}, *advanced[2] = {next_q, next_u};
+    lanes *accelerated[1] = {udot};
     long long alive[LANES], most = 0;
     for (int lane = 0; lane < LANES; lane++) {
         alive[lane] = -1, r->kept[lane] = 0;
@@ -97,17 +99,21 @@ void open_loop(const struct run *r) {
                 if (alive[lane] && i + 1 == r->steps[lane])
                     for (int k = 0; k < MEMORY; k++) r->remembered[lane * MEMORY + k] = memory[k][lane];
         }
+        const int renewed = i % r->renew == 0;
+        if (renewed) {
+            linearize(in, linearized, work);
+            for (int k = 0; k < COORDINATES * COORDINATES; k++) inverse[k] = -gh * (by_u[k] + gh * by_q_rates[k]);
+            for (int k = 0; k < COORDINATES; k++) inverse[k * (COORDINATES + 1)] += 1;
+            invert(inverse);
+        }
         if (i % r->keep == 0) {
             const long long row = i / r->keep;
-            linearize(in, linearized, work);
+            if (!renewed) accelerations(in, accelerated, work);
             keep(r->kept_q, q, alive, row, r->rows);
             keep(r->kept_u, u, alive, row, r->rows);
             keep(r->kept_udot, udot, alive, row, r->rows);
             for (int lane = 0; lane < LANES; lane++)
                 if (alive[lane]) r->kept[lane] = row + 1;
-            for (int k = 0; k < COORDINATES * COORDINATES; k++) inverse[k] = -gh * (by_u[k] + gh * by_q_rates[k]);
-            for (int k = 0; k < COORDINATES; k++) inverse[k * (COORDINATES + 1)] += 1;
-            invert(inverse);
         }
         advance(in, advanced, work);
         lanes sum = all(0);

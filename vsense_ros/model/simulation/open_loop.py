@@ -1,7 +1,7 @@
 """The car from recorded inputs, again and again: what identification and the search for missing physics run.
 
-Steps are those of `simulate` (ROS2), with the Jacobian renewed only where a state is kept: the method is of second
-order with any matrix. With a compiler several runs go side by side in one call of C, as many as the processor's vectors
+Steps are those of `simulate` (ROS2), with the Jacobian renewed only every few steps: the method is of second order with
+any matrix. With a compiler several runs go side by side in one call of C, as many as the processor's vectors
 have lanes; without one the same loop runs in Python, one run after the other.
 """
 
@@ -20,7 +20,13 @@ from numpy.typing import NDArray
 from vsense_ros import codegen
 from vsense_ros.codegen import Kernel, simd
 from vsense_ros.model.car.car import Car
-from vsense_ros.model.car.steps import GAMMA, advance_function, internal_state_function, linearize_function
+from vsense_ros.model.car.steps import (
+    GAMMA,
+    accelerations_function,
+    advance_function,
+    internal_state_function,
+    linearize_function,
+)
 from vsense_ros.model.coordinates import COORDINATES, DISTURBANCES, INPUTS, SPIN, TORQUES, WHEELS
 
 Array = NDArray[np.float64]
@@ -71,11 +77,13 @@ class Run:
 
 
 class OpenLoop:
-    """Runs of one car; `keep` says that every so many steps a state is kept, and the car linearised."""
+    """Runs of one car: every `keep` steps a state is kept, and every `renew` steps, as often if that is not given, the
+    Jacobian is renewed."""
 
-    def __init__(self, car: Car, keep: int = 2) -> None:
+    def __init__(self, car: Car, keep: int = 2, renew: int | None = None) -> None:
         self.car = car
         self.keep = keep
+        self.renew = keep if renew is None else renew
         self._compiled = _compiled(car)
         self._place = {name: place for place, name in enumerate(car.parameter_names)}
 
@@ -102,7 +110,9 @@ class OpenLoop:
         count = self._compiled.lanes
         for begin in range(0, len(order), count):
             together = order[begin : begin + count]
-            self._compiled.run([runs[i] for i in together], [found[i] for i in together], self.keep, self._place)
+            self._compiled.run(
+                [runs[i] for i in together], [found[i] for i in together], self.keep, self.renew, self._place
+            )
         return found
 
     def _motion(self, run: Run) -> StateHistory:
@@ -120,8 +130,8 @@ class OpenLoop:
         driving, around = np.zeros(len(INPUTS)), np.zeros(len(DISTURBANCES))
         arguments = [now_q, now_u, np.zeros(size), around, driving, parameters, internal_state]
         h, inverse = np.array([inputs.step]), np.zeros(size**2)
-        linearize = Kernel(functions["linearize"], arguments)
-        udot, by_q, by_u, by_q_rates = linearize.results
+        linearize, accelerations = (Kernel(functions[name], arguments) for name in ("linearize", "accelerations"))
+        _, by_q, by_u, by_q_rates = linearize.results
         # The internal state belongs to the beginning of a step, inputs to its middle.
         between, before = np.zeros(len(INPUTS)), np.zeros(len(INPUTS))
         beginning = [*arguments[:4], between, *arguments[5:], h]
@@ -140,9 +150,11 @@ class OpenLoop:
                 move_on.call()
                 internal_state[:] = move_on.results[0][:, 0]
             if i % self.keep == 0:
-                linearize.call()
-                for column, value in zip(kept, (now_q, now_u, udot.ravel()), strict=True):
+                accelerations.call()
+                for column, value in zip(kept, (now_q, now_u, accelerations.results[0].ravel()), strict=True):
                     column[i // self.keep] = value
+            if i % self.renew == 0:
+                linearize.call()
                 try:
                     inverse[:] = np.linalg.inv(unit - scale * (by_u + scale * by_q_rates)).reshape(-1, order="F")
                 except np.linalg.LinAlgError:
@@ -163,6 +175,7 @@ class _Run(ctypes.Structure):
 
     _fields_ = (
         ("keep", ctypes.c_longlong),
+        ("renew", ctypes.c_longlong),
         ("h", ctypes.c_double),
         ("steps", _Integers),
         *((name, _Doubles) for name in ("q", "u")),
@@ -183,7 +196,9 @@ class _Compiled:
     function: ctypes._FuncPointer
     lanes: int
 
-    def run(self, runs: Sequence[Run], motions: Sequence[StateHistory], keep: int, place: Mapping[str, int]) -> None:
+    def run(
+        self, runs: Sequence[Run], motions: Sequence[StateHistory], keep: int, renew: int, place: Mapping[str, int]
+    ) -> None:
         """At most as many runs as there are lanes; fills their motions."""
         steps = np.array([len(run.inputs) for run in runs] + [0] * (self.lanes - len(runs)), dtype=np.int64)
         longest, h = int(steps.max()), runs[0].inputs.step
@@ -223,7 +238,7 @@ class _Compiled:
         kept = [np.zeros((self.lanes, rows, COORDINATES)) for _ in range(3)]
         reached = np.zeros(self.lanes, dtype=np.int64)
         arguments = _Run(
-            keep, h, _integers(steps), *map(_pointer, columns), len(places), _integers(places),
+            keep, renew, h, _integers(steps), *map(_pointer, columns), len(places), _integers(places),
             *map(_pointer, (internal_state, remembered, *kept)), rows, _integers(reached),
         )  # fmt: skip
         self.function(ctypes.byref(arguments))
@@ -261,7 +276,11 @@ def _functions(car: Car) -> dict[str, ca.Function]:
     every = linearize_function(car).expand()
     state = [ca.SX.sym(every.name_in(i), *every.size_in(i)) for i in range(every.n_in())]
     udot, by_q, by_u, _, by_q_rates = every(*state)
-    made = [ca.Function("linearize", state, [udot, by_q, by_u, by_q_rates]), advance_function(car).expand()]
+    made = [
+        ca.Function("linearize", state, [udot, by_q, by_u, by_q_rates]),
+        accelerations_function(car).expand(),
+        advance_function(car).expand(),
+    ]
     if car.internal_state.numel():
         made.append(internal_state_function(car).expand())
     return {function.name(): function for function in made}
