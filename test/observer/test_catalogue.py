@@ -6,13 +6,16 @@ import numpy as np
 import pytest
 from click.testing import CliRunner
 
+from conftest import VEHICLES
 from drives import feed, messages
 from vsense_ros.cli import main
 from vsense_ros.errors import InputError
+from vsense_ros.files.vehicle import load_vehicle
 from vsense_ros.messages.recording import Recording
 from vsense_ros.model.vehicle import Vehicle
 from vsense_ros.observer.catalogue import FILTERS
 from vsense_ros.observer.sensors import sensors_of
+from vsense_ros.observer.spi import Spi
 from vsense_ros.runner import Runner
 
 
@@ -32,11 +35,23 @@ def test_an_unknown_filter_is_refused_with_those_that_there_are(vehicle: Vehicle
     assert "there is no filter 'magic'" in result.output
 
 
-def test_an_spi_without_parameters_to_estimate_is_refused(vehicle: Vehicle) -> None:
-    with pytest.raises(
-        InputError, match=r"lists none; name some in observer\.parameters, or take the filter error_ekf"
-    ):
-        FILTERS["spi"].make(vehicle, sensors_of(vehicle))
+def test_an_spi_of_a_file_that_lists_no_parameters_takes_mass_friction_and_stiffness(vehicle: Vehicle) -> None:
+    spi = FILTERS["spi"].make(vehicle, sensors_of(vehicle))
+    assert isinstance(spi, Spi)
+    assert spi.parameter_names == (
+        "chassis.mass", "road.friction", "front.cornering_scale", "rear.cornering_scale",
+    )  # fmt: skip
+    assert spi.prior_deviation[0] == vehicle.observer.surroundings.load
+    assert (spi.lower > 0).all()
+    assert (spi.lower < spi.values).all()
+    assert (spi.values < spi.upper).all()
+
+
+@pytest.mark.parametrize("name", ["prototype_model", "prototype_real"])
+def test_both_prototypes_can_be_observed_by_the_full_car(name: str) -> None:
+    known = load_vehicle(VEHICLES / f"{name}.yaml")
+    filter = FILTERS["full_error_ekf"].make(known, sensors_of(known))
+    assert filter.car.prior.deviation[filter.names.index("radius_error")] == 0.0
 
 
 def test_a_full_car_without_linkages_is_refused(vehicle: Vehicle) -> None:

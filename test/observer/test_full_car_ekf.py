@@ -118,9 +118,7 @@ def test_noise_of_the_steering_sensor_does_not_shake_the_car(known: Vehicle) -> 
     assert np.abs(mean - change).max() < 1e-3
 
 
-def test_what_the_full_car_lacks_is_refused(vehicle: Vehicle, known: Vehicle) -> None:
-    with pytest.raises(InputError, match=r"no error of the tyre radius; set observer\.surroundings\.radius_error"):
-        full(vehicle)
+def test_effects_that_the_full_car_lacks_are_refused(known: Vehicle) -> None:
     effects = Effects(tyre_relaxation=TyreRelaxation(front=0.4, rear=0.4))
     lagging = known.model_copy(update={"physics": known.physics.model_copy(update={"effects": effects})})
     with pytest.raises(InputError, match=r"no physics\.effects"):

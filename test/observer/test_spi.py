@@ -278,7 +278,10 @@ def test_a_parameter_at_its_bound_is_a_warning(vehicle: Vehicle) -> None:
 
     assert said()[0] == "OK"
     spi.values[:] = 710.0
-    assert said() == ("WARN", "at its bound: chassis.mass; determined so far: nothing; not yet: chassis.mass")
+    assert said() == (
+        "WARN",
+        "at its bound: chassis.mass = 710; something else differs; determined so far: nothing; not yet: chassis.mass",
+    )
 
 
 @pytest.mark.parametrize("kind", ["ekf", "ukf"])

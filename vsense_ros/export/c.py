@@ -28,7 +28,7 @@ from vsense_ros.model.parameter import units
 from vsense_ros.model.sensors import SensorBase
 from vsense_ros.model.vehicle import Vehicle
 from vsense_ros.observer.car_memory import SURVEYED
-from vsense_ros.observer.catalogue import FILTERS, require_parameters, spi
+from vsense_ros.observer.catalogue import FILTERS, spi, with_parameters
 from vsense_ros.observer.parameter_filter import ParameterFilter
 from vsense_ros.observer.road_map import (
     JOINED,
@@ -175,8 +175,7 @@ def with_filter(vehicle: Vehicle, name: str) -> Vehicle:
             f"{name} exists in Python alone: {_NOT_WRITTEN[family.name]}; error_ekf and spi are written as C"
         )
     if family.name == "spi":
-        require_parameters(vehicle)
-        return vehicle
+        return with_parameters(vehicle)
     return vehicle.model_copy(update={"observer": vehicle.observer.model_copy(update={"parameters": {}})})
 
 

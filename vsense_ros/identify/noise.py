@@ -81,8 +81,9 @@ def noise_numbers(vehicle: Vehicle) -> list[str]:
             elif value is not None:
                 paths.append(f"sensors.{name}.{field}")
     errors, around = vehicle.observer.force_errors, vehicle.observer.surroundings
+    of_wheels = {"wheel_spin": torques_unknown, "unmeasured_drive": not kinds & {"wheel_speeds", "wheel_torques"}}
     for field in ForceErrors.model_fields:
-        used = torques_unknown if field == "wheel_spin" else not field.endswith("time_constant")
+        used = of_wheels.get(field, not field.endswith("time_constant"))
         if used and getattr(errors, field) > 0:
             paths.append(f"observer.force_errors.{field}")
     for slope in ("grade", "bank"):

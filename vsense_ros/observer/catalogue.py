@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from typing import Protocol
 
-from vsense_ros.errors import InputError
 from vsense_ros.estimation.catalogue import Catalogue, FilterFamily
 from vsense_ros.estimation.cekf import numbers_held
+from vsense_ros.model.schema.observer_settings import EstimatedParameter
 from vsense_ros.model.sensors import SensorBase
 from vsense_ros.model.vehicle import Vehicle
 from vsense_ros.observer.car_blocks import CarBlocks
@@ -19,6 +20,18 @@ from vsense_ros.observer.spi import FILTERS as PARAMETER_FILTERS
 from vsense_ros.observer.spi import Spi, numbers_kept
 from vsense_ros.observer.state import Prior, layout
 from vsense_ros.observer.ukf import Ukf
+
+
+@dataclass(frozen=True)
+class SpiDefaults:
+    """How far numbers of a car may be from its file where the file does not say so: decisions of this project."""
+
+    friction: float = 0.15  # [-] from dry to damp asphalt
+    cornering_scale: float = 0.2  # [-] of an axle: from one tyre to another on the same rim
+    least_share: float = 0.25  # [-] of the file's value, below which none of them can be
+
+
+SPI_DEFAULTS = SpiDefaults()
 
 
 class MakeFilter(Protocol):
@@ -55,6 +68,7 @@ def full_error_ekf(vehicle: Vehicle, sensors: dict[str, SensorBase], prior: Prio
 
 def spi(vehicle: Vehicle, sensors: dict[str, SensorBase], prior: Prior | None = None) -> CarFilter:
     """State, parameter and input observer, its parameter filter as the vehicle file says."""
+    vehicle = with_parameters(vehicle)
     extra = extra_numbers(vehicle, sensors)
     car = CarBlocks(vehicle, sensors, extra=extra, prior=prior)
     return Spi(car, PARAMETER_FILTERS[vehicle.observer.parameter_filter])
@@ -62,6 +76,7 @@ def spi(vehicle: Vehicle, sensors: dict[str, SensorBase], prior: Prior | None = 
 
 def full_spi(vehicle: Vehicle, sensors: dict[str, SensorBase], prior: Prior | None = None) -> CarFilter:
     """The SPI whose model is the car with all its bodies."""
+    vehicle = with_parameters(vehicle)
     extra = extra_numbers(vehicle, sensors)
     car = FullCarBlocks(vehicle, sensors, extra=extra, prior=prior)
     return FullCarSpi(car, FULL_CAR_FILTERS[vehicle.observer.parameter_filter])
@@ -69,17 +84,28 @@ def full_spi(vehicle: Vehicle, sensors: dict[str, SensorBase], prior: Prior | No
 
 def extra_numbers(vehicle: Vehicle, sensors: dict[str, SensorBase]) -> int:
     """How many numbers an SPI of these keeps in the memory of its car."""
-    require_parameters(vehicle)
-    return numbers_kept(layout(sensors).size, len(vehicle.observer.parameters))
+    return numbers_kept(layout(sensors).size, len(with_parameters(vehicle).observer.parameters))
 
 
-def require_parameters(vehicle: Vehicle) -> None:
-    """Raises `InputError` for a vehicle file that lists no parameters, which an SPI needs."""
-    if not vehicle.observer.parameters:
-        raise InputError(
-            f"{vehicle.name}: the SPI estimates parameters, and the vehicle file lists none; name some in "
-            "observer.parameters, or take the filter error_ekf"
-        )
+def with_parameters(vehicle: Vehicle) -> Vehicle:
+    """The vehicle with parameters for an SPI to estimate: those of its file, or where it lists none mass, friction and
+    the cornering stiffness of both axles, with the uncertainty that they have in the file of any car."""
+    if vehicle.observer.parameters:
+        return vehicle
+    deviations = {
+        "chassis.mass": vehicle.observer.surroundings.load,
+        "road.friction": SPI_DEFAULTS.friction,
+        "front.cornering_scale": SPI_DEFAULTS.cornering_scale,
+        "rear.cornering_scale": SPI_DEFAULTS.cornering_scale,
+    }
+    known, least = vehicle.values(), SPI_DEFAULTS.least_share
+    parameters = {
+        name: EstimatedParameter(deviation=deviation, lower=max(known[name] - 4 * deviation, least * known[name]))
+        for name, deviation in deviations.items()
+        if name in known and deviation > 0
+    }
+    observer = vehicle.observer.model_copy(update={"parameters": parameters})
+    return vehicle.model_copy(update={"observer": observer})
 
 
 _WHOLE = ("coordinates", "velocities", "disturbances", "biases of the sensors")
@@ -87,7 +113,7 @@ _WITH_FORCES = (*_WHOLE, "forces beyond the model's")
 _INPUTS = ("road-wheel angle", "wheel torques where they are measured")
 _SENSORS = ("those of the vehicle file",)
 
-_PARAMETERS = "observer.parameters of the vehicle file"
+_PARAMETERS = "observer.parameters of the vehicle file; where it has none mass, friction and cornering stiffness"
 _REFERENCES = ("dekf", "cekf", "ukf")  # to compare with
 
 FILTERS = Catalogue(

@@ -32,6 +32,7 @@ from vsense_ros.model.sensors.wheel_speeds import NAMES as WHEEL_NAMES
 from vsense_ros.observer.car_blocks import CarBlocks
 from vsense_ros.observer.error_ekf import CarFilter
 from vsense_ros.observer.state import DISTURB, FORCE, TWIST
+from vsense_ros.observer.unseen import add_unseen, receiver_noise
 
 Array = NDArray[np.float64]
 
@@ -61,8 +62,8 @@ class Estimate:
     inputs: Array  # (5,) as model.car.INPUTS
     udot: Array  # (14,) derivatives of the velocities
     model_wheels: Array  # (7, 4) as Car.wheel_outputs
-    pose_covariance: Array  # (6, 6) position, attitude
-    twist_covariance: Array  # (6, 6) velocity, rates
+    pose_covariance: Array  # (6, 6) position, attitude, with what innovations do not show (`unseen`)
+    twist_covariance: Array  # (6, 6) velocity, rates, likewise
     variance: Array  # (n,) of the errors of the state
     names: tuple[str, ...]  # of the state
     axle_distances: Array  # (2,) of the front and the rear axle from cog [m]
@@ -94,6 +95,8 @@ class Estimate:
             longitudinal_shares=filter.car.longitudinal_shares.copy(),
         )
         _fill_variances(made, filter.car, covariance)
+        car = filter.car
+        add_unseen(made, car.vehicle.observer.unseen, receiver_noise(car.sensor_list))
         return made
 
     @property

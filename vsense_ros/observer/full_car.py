@@ -16,7 +16,9 @@ from numpy.typing import NDArray
 from vsense_ros.errors import InputError
 from vsense_ros.estimation.filter import Gaussian
 from vsense_ros.model.multibody.outside import Outside
+from vsense_ros.model.schema.observer_settings import Disturbances
 from vsense_ros.model.sensors import SensorBase
+from vsense_ros.model.sensors.wheel_speeds import WheelSpeeds
 from vsense_ros.model.simulation.full_car import FullCarPlant
 from vsense_ros.model.vehicle import Vehicle
 from vsense_ros.observer.car_blocks import CarBlocks
@@ -32,8 +34,9 @@ class FullCarBlocks(CarBlocks):
     """A vehicle with a `linkage` section.
 
     `numbers()` gives the full car its numbers, where a filter of parameters changes them; its systems may be solved
-    `outside`. Raises `InputError` for a
-    vehicle with errors of the tyre radius or physical effects, which the full car lacks.
+    `outside`. The full car has no error of the tyre radius that all wheels have in common: it becomes part of that of
+    each wheel, which its sensor has.
+    Raises `InputError` for a vehicle without linkages, or with physical effects.
     """
 
     in_blocks = False
@@ -53,13 +56,10 @@ class FullCarBlocks(CarBlocks):
                 f"{vehicle.name}: the full car is made of the section linkage of the vehicle file, which is missing; "
                 "prototype_real has one to look at"
             )
-        if vehicle.observer.surroundings.radius_error > 0:
-            raise InputError(
-                f"{vehicle.name}: the full car has no error of the tyre radius; set observer.surroundings.radius_error "
-                "and radius_error_drift to 0"
-            )
         if vehicle.physics.effects.present():
             raise InputError(f"{vehicle.name}: the full car has no physics.effects; leave them out")
+        sensors = with_common_radius_error(sensors, vehicle.observer.surroundings)
+        vehicle = without_common_radius_error(vehicle)
         self.plant = FullCarPlant(vehicle, LONGEST_STEP, tolerance=tolerance, outside=outside)
         self.numbers: Callable[[], Array] | None = None
         size, accelerations = self.plant.memory().size, len(self.plant.udot)
@@ -118,3 +118,21 @@ class FullCarBlocks(CarBlocks):
 
     def _keep(self) -> None:
         self._kept[:], self._kept_udot[:] = self.plant.memory(), self.plant.udot
+
+
+def with_common_radius_error(sensors: dict[str, SensorBase], around: Disturbances) -> dict[str, SensorBase]:
+    """The sensors with errors of each wheel's radius as large as they are together with that of all wheels."""
+    widened = dict(sensors)
+    for name, sensor in sensors.items():
+        if isinstance(sensor, WheelSpeeds) and sensor.radius_error:
+            error = float(np.hypot(sensor.radius_error, around.radius_error))
+            drift = float(np.hypot(sensor.radius_error_drift or 0.0, around.radius_error_drift))
+            widened[name] = sensor.model_copy(update={"radius_error": error, "radius_error_drift": drift})
+    return widened
+
+
+def without_common_radius_error(vehicle: Vehicle) -> Vehicle:
+    """The vehicle whose wheels have no error of the radius in common."""
+    around = vehicle.observer.surroundings.model_copy(update={"radius_error": 0.0, "radius_error_drift": 0.0})
+    observer = vehicle.observer.model_copy(update={"surroundings": around})
+    return vehicle.model_copy(update={"observer": observer})

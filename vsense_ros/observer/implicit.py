@@ -31,7 +31,7 @@ from vsense_ros.model.multibody.outside import Outside
 from vsense_ros.model.sensors import SensorBase
 from vsense_ros.model.vehicle import Vehicle
 from vsense_ros.observer.car_blocks import CarBlocks
-from vsense_ros.observer.catalogue import MakeFilter, extra_numbers
+from vsense_ros.observer.catalogue import MakeFilter, extra_numbers, with_parameters
 from vsense_ros.observer.error_ekf import CarFilter, ErrorEkf
 from vsense_ros.observer.full_car import FullCarBlocks
 from vsense_ros.observer.full_car_spi import FULL_CAR_FILTERS, FullCarSpi
@@ -176,6 +176,7 @@ def implicit_spi(work: Work | None = None) -> MakeFilter:
     """What makes such an SPI, of a vehicle that lists parameters."""
 
     def make(vehicle: Vehicle, sensors: dict[str, SensorBase], prior: Prior | None = None) -> CarFilter:
+        vehicle = with_parameters(vehicle)
         extra = extra_numbers(vehicle, sensors)
         car = ImplicitCar(vehicle, sensors, extra=extra, prior=prior, work=work)
         return Spi(car, FILTERS[vehicle.observer.parameter_filter])
@@ -227,6 +228,7 @@ def accelerated(
 
     def make(vehicle: Vehicle, sensors: dict[str, SensorBase], prior: Prior | None = None) -> CarFilter:
         learns = name == "full_spi"
+        vehicle = with_parameters(vehicle) if learns else vehicle
         extra = extra_numbers(vehicle, sensors) if learns else 0
         car = FullCarBlocks(vehicle, sensors, extra=extra, prior=prior, tolerance=tolerance, outside=outside)
         return FullCarSpi(car, FULL_CAR_FILTERS[vehicle.observer.parameter_filter]) if learns else ErrorEkf(car)

@@ -46,6 +46,7 @@ class SpiSettings:
     # Fisher information of the trial drive on a parameter, over its own size squared [-]; rounding is far below it, and
     # the parameter with the least effect of all in the vehicle file far above.
     least_information: float = 1e-6
+    bound_share: float = 0.1  # [-] of the standard deviation at start, within which a parameter is at its bound
     trial_speeds: tuple[float, ...] = (1.0, 8.0, 25.0)  # [m/s]: parking, in town, on a road
     trial_step: float = 0.01  # [s]
     trial_steps: int = 30  # at each speed
@@ -317,7 +318,8 @@ class Spi(CarFilter):
 
     def at_bounds(self) -> tuple[str, ...]:
         """Parameters that would be elsewhere if their bounds let them: something else is wrong with the car."""
-        there = (self.values <= self.lower) | (self.values >= self.upper)
+        near = SETTINGS.bound_share * self.prior_deviation
+        there = (self.values <= self.lower + near) | (self.values >= self.upper - near)
         return tuple(name for name, is_there in zip(self.parameter_names, there, strict=True) if is_there)
 
     def observability(self) -> Observability:

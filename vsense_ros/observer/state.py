@@ -103,7 +103,9 @@ class Prior:
         where, torques = layout(sensors), TorqueErrors.of(vehicle, sensors)
         errors, around = vehicle.observer.force_errors, vehicle.observer.surroundings
         spin = np.sqrt(torques.covariance[BRAKING].diagonal()).tolist()
-        body = [errors.longitudinal, errors.lateral, errors.vertical, errors.roll, errors.pitch, errors.yaw]
+        drive = 0.0 if torques.measured else errors.unmeasured_drive
+        longitudinal = float(np.hypot(errors.longitudinal, drive))
+        body = [longitudinal, errors.lateral, errors.vertical, errors.roll, errors.pitch, errors.yaw]
         deviation = np.zeros(where.size)
         deviation[Q] = [100.0, 100.0, 0.02, 0.02, 0.02, np.pi, *[0.01] * 4, *[1e-3] * 4]
         deviation[U] = [1.0, 0.3, 0.1, 0.05, 0.05, 0.1, *[0.1] * 4, *[2.0] * 4]

@@ -35,6 +35,7 @@ class TorqueErrors:
     shares: Array  # (2, 4) of each wheel in a longitudinal force that the model lacks; zero where that is not known
     engine_braking: float  # [m/s²] deceleration from which on brakes act
     drag: float  # [1/m] deceleration by the air over the square of the speed
+    measured: bool  # True if sensors measure wheel torques, or rolling speeds, from which the torques follow
 
     @classmethod
     def of(cls, vehicle: Vehicle, sensors: dict[str, SensorBase]) -> TorqueErrors:
@@ -45,9 +46,9 @@ class TorqueErrors:
         driving, braking = train.driving_shares, np.array(train.braking_shares)
         shares = np.zeros((2, 4)) if driving is None else np.array([driving, braking])
         rolling = any("rolling speed" in sensor.tells for sensor in sensors.values())
-        measured = [sensor.noise for sensor in sensors.values() if isinstance(sensor, WheelTorques)]
-        if measured:
-            deviation = measured[-1] / inertia
+        noises = [sensor.noise for sensor in sensors.values() if isinstance(sensor, WheelTorques)]
+        if noises:
+            deviation = noises[-1] / inertia
             covariance = np.array([np.diag(deviation**2)] * 2)
         elif driving is None or not rolling:
             covariance = np.array([np.diag(np.full(4, settings.wheel_spin * rolling) ** 2)] * 2)
@@ -64,7 +65,7 @@ class TorqueErrors:
             )
             rate[RELEASED, free] = 1 / train.release_time
         drag = 0.5 * AIR_DENSITY * physics.aerodynamics.drag_area / physics.chassis.mass
-        return cls(covariance, rate, shares, train.engine_braking, drag)
+        return cls(covariance, rate, shares, train.engine_braking, drag, rolling or bool(noises))
 
     @property
     def alike(self) -> bool:

@@ -271,7 +271,9 @@ def _parameters(spi: Spi) -> Diagnostic:
         i, j = np.unravel_index(closest.argmax(), closest.shape)
         values["hard to distinguish"] = f"{seen.names[i]} and {seen.names[j]} ({seen.correlation[i, j]:+.2f})"
     if stuck := spi.at_bounds():
-        return Diagnostic("parameters", Level.WARN, f"at its bound: {', '.join(stuck)}; {seen}", values)
+        value = dict(zip(spi.parameter_names, spi.values.tolist(), strict=True))
+        words = ", ".join(f"{name} = {value[name]:.4g}" for name in stuck)
+        return Diagnostic("parameters", Level.WARN, f"at its bound: {words}; something else differs; {seen}", values)
     return Diagnostic("parameters", Level.OK, str(seen), values)
 
 

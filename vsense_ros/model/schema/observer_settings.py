@@ -17,6 +17,9 @@ class ForceErrors(Part):
     What is wrong along and across the car are the forces of the tyres: they act on the road, and turn the body too."""
 
     longitudinal: float = parameter("m/s²", "along x", ge=0, default=0.5)
+    unmeasured_drive: float = parameter(
+        "m/s²", "along x, besides, where nothing measures wheels or their torques: engine and brakes", ge=0, default=3.0
+    )
     lateral: float = parameter("m/s²", "along y", ge=0, default=0.5)
     vertical: float = parameter("m/s²", "along z", ge=0, default=0.1)
     roll: float = parameter("rad/s²", "about x, besides what the lateral one turns", ge=0, default=0.1)
@@ -60,6 +63,27 @@ class Disturbances(Part):
         return {name: value for name, value in given.items() if name not in _FORMER}
 
 
+class UnseenErrors(Part):
+    """Errors that last for minutes and that innovations do not show: they widen what is published of the state."""
+
+    rear_axle_direction: float = parameter(
+        "rad", "standard deviation of the direction in which the rear axle rolls: thrust angle, toe, roll steer", ge=0,
+        default=0.002,
+    )  # fmt: skip
+    timing: float = parameter("s", "standard deviation of the time of the stamps", ge=0, default=0.008)
+    yaw_rate: float = parameter(
+        "rad/s", "standard deviation of what scale, mounting and bandwidth of a gyro do to the yaw rate", ge=0,
+        default=0.0015,
+    )  # fmt: skip
+    position_share: float = parameter(
+        "-", "share of the noise of GNSS positions that lasts for minutes, and no averaging takes away", ge=0, le=1,
+        default=0.2,
+    )  # fmt: skip
+    crossfall: float = parameter(
+        "rad", "standard deviation of the lean of road and inertial sensor that lasts all along", ge=0, default=0.02
+    )
+
+
 class EstimatedParameter(Part):
     """A physical parameter that the observer estimates along with the state; the file's value is its mean at start."""
 
@@ -100,6 +124,7 @@ class ObserverSettings(Part):
     )
     force_errors: ForceErrors = ForceErrors()
     surroundings: Disturbances = Disturbances()
+    unseen: UnseenErrors = UnseenErrors()
     parameters: dict[str, EstimatedParameter] = Field(
         description="physical parameters to be estimated, by their names below `physics`", default_factory=dict
     )

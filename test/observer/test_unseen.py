@@ -1,0 +1,56 @@
+"""What is published of the state is as wide as errors are that no innovation shows."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from vsense_ros.model.coordinates import YAW
+from vsense_ros.model.schema.observer_settings import UnseenErrors
+from vsense_ros.model.vehicle import Vehicle
+from vsense_ros.observer.estimate import Estimate
+from vsense_ros.runner import Runner
+
+NONE = UnseenErrors(rear_axle_direction=0.0, timing=0.0, yaw_rate=0.0, position_share=0.0, crossfall=0.0)
+
+
+@pytest.fixture
+def estimate(clean: Runner, monkeypatch: pytest.MonkeyPatch):  # type: ignore[no-untyped-def]
+    """Makes an estimate of the same state for a car with some unseen errors."""
+    car = clean.filter.car  # type: ignore[attr-defined]
+
+    def make(**errors: float) -> Estimate:
+        unseen = NONE.model_copy(update=errors)
+        observer = car.vehicle.observer.model_copy(update={"unseen": unseen})
+        monkeypatch.setattr(car, "vehicle", car.vehicle.model_copy(update={"observer": observer}))
+        return Estimate.of(clean.stamp, clean.filter)  # type: ignore[arg-type]
+
+    return make
+
+
+def test_side_slip_is_as_uncertain_as_the_direction_of_the_rear_axle(estimate) -> None:  # type: ignore[no-untyped-def]
+    known, unknown = estimate(), estimate(rear_axle_direction=0.01)
+    forward, lateral, _ = known.velocity
+    added = unknown.side_slip[1] ** 2 - known.side_slip[1] ** 2
+    assert added**0.5 == pytest.approx(0.01 * forward**2 / (forward**2 + lateral**2), rel=1e-6)
+    assert unknown.pose_covariance[5, 5] - known.pose_covariance[5, 5] == pytest.approx(1e-4)
+
+
+def test_a_state_is_as_uncertain_as_it_changes_within_the_error_of_the_time(estimate) -> None:  # type: ignore[no-untyped-def]
+    """Twenty milliseconds at twenty metres a second are forty centimetres, in the direction of motion alone."""
+    known, unknown = estimate(), estimate(timing=0.02)
+    added = (unknown.pose_covariance - known.pose_covariance)[:2, :2]
+    variances, directions = np.linalg.eigh(added)
+    course = known.attitude[2] + np.arctan2(known.velocity[1], known.velocity[0])
+    assert variances[1] ** 0.5 == pytest.approx(0.02 * np.hypot(*known.velocity[:2]), rel=1e-2)
+    assert abs(variances[0]) < 1e-4 * variances[1]
+    assert abs(directions[:, 1] @ [np.cos(course), np.sin(course)]) == pytest.approx(1.0, abs=1e-3)
+    assert np.linalg.eigvalsh(unknown.twist_covariance).min() > 0
+
+
+def test_the_filter_itself_and_what_it_estimates_stay_as_they_are(estimate, clean: Runner, vehicle: Vehicle) -> None:  # type: ignore[no-untyped-def]
+    before = clean.filter.memory.copy()
+    wide = estimate(rear_axle_direction=0.1, timing=0.1, yaw_rate=0.1, position_share=1.0, crossfall=0.1)
+    np.testing.assert_array_equal(clean.filter.memory, before)
+    assert wide.variance[YAW] == estimate().variance[YAW]
+    assert wide.pose_covariance[0, 0] > vehicle.sensors["position"].deviations()[0] ** 2

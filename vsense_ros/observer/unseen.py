@@ -1,0 +1,63 @@
+"""Errors that no innovation shows, added to the covariances that are published.
+
+A filter's covariance is true if its model is right but for white noise. An error that stays the same for minutes and
+moves sensors and state together leaves innovations as they should be, so that no estimate of noise from innovations
+shows it (a "considered" parameter, Schmidt 1966). Five of them are in every car and recording:
+
+1. *Where the rear axle points.* Side slip follows from yaw rate and lateral force by the direction in which the rear
+   axle rolls. Thrust angle, toe, conicity and roll steer turn it by a tenth of a degree or two. GNSS measures the
+   direction of motion, which is heading plus side slip: what one has too much, the other has too little.
+2. *When it was.* Stamps are true to about half an interval of a bus; a state that is late by τ is wrong by τ ẋ.
+3. *What the gyro does in bends.* Its scale, mounting and bandwidth are in proportion to what it measures.
+4. *Where the receiver believes to be.* The errors of satellites, air and reflections last for minutes.
+5. *How the road leans.* Roads fall to one side all along, for water to run off, and an inertial sensor that sits askew
+   by as much feels the same.
+
+They are added to what is published alone: the filter itself, and with it every estimate, stays as it is.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from typing import TYPE_CHECKING
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from vsense_ros.model.schema.observer_settings import UnseenErrors
+from vsense_ros.model.sensors import SensorBase
+
+if TYPE_CHECKING:
+    from vsense_ros.observer.estimate import Estimate
+
+_ROLL, _YAW = 3, 5  # of position and attitude
+_LATERAL, _YAW_RATE = 1, 5  # of velocity and rates
+_PLACE = [0, 1]  # of position and attitude
+_TWIST_SIZE = 6
+
+
+def add_unseen(estimate: Estimate, unseen: UnseenErrors, receiver_noise: float) -> None:
+    """Add to `pose_covariance` and `twist_covariance` (6, 6) of one estimate what innovations do not show.
+
+    `receiver_noise` is the standard deviation of the best GNSS position that the vehicle file has [m], 0 for none.
+    """
+    pose, twist = estimate.pose_covariance, estimate.twist_covariance
+    velocity = estimate.velocity
+    axle = unseen.rear_axle_direction**2
+    twist[_LATERAL, _LATERAL] += axle * float(velocity[0]) ** 2
+    pose[_YAW, _YAW] += axle
+    twist[_YAW_RATE, _YAW_RATE] += unseen.yaw_rate**2
+    pose[_PLACE, _PLACE] += (unseen.position_share * receiver_noise) ** 2
+    pose[_ROLL, _ROLL] += unseen.crossfall**2
+    if unseen.timing > 0:
+        change = unseen.timing * estimate.udot[:_TWIST_SIZE]
+        twist += np.outer(change, change)
+        on_map = Rotation.from_quat(estimate.orientation).apply(velocity)
+        moved = unseen.timing * np.concatenate([on_map, estimate.rates])
+        pose += np.outer(moved, moved)
+
+
+def receiver_noise(sensors: Iterable[SensorBase]) -> float:
+    """Standard deviation of the best of the positions that sensors measure [m]; 0 if none does."""
+    noises = (float(sensor.deviations()[:2].max()) for sensor in sensors if "position" in sensor.tells)
+    return min(noises, default=0.0)
