@@ -56,9 +56,9 @@ def genesis(out: Path, vehicle: str, identify: Path | None, start: str, referenc
         if reference is not None:
             car = car.model_copy(update={"reference": load_car(reference).reference})
         with progress("estimating the third lap") as done:
-            results = job.examine(folder, car, done)
-        job.write_results(results, out)
-        tables.show_examination(results, console())
+            found = job.examine(folder, car, done)
+        job.write_results(found.figures(), out)
+        tables.show_examination(found, console())
         return
     if reference is not None:
         raise click.UsageError("--identify finds place and mounting of the reference itself")

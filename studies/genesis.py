@@ -10,13 +10,16 @@ from __future__ import annotations
 
 import json
 from collections.abc import Mapping, Sequence
-from dataclasses import replace
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
+from studies.coverage import Compared, within
 from vsense_ros.bag.importers import genesis
 from vsense_ros.evaluate import baselines
+from vsense_ros.evaluate.heading_transient import HeadingTransient, transient_of, without_transient
 from vsense_ros.evaluate.metrics import SignalScore, compare
 from vsense_ros.evaluate.reference import at_reference
 from vsense_ros.identify.free_parameter import FreeParameter, added, multiplied
@@ -117,31 +120,61 @@ def fastest_corner(lap: Recording) -> tuple[float, float]:
     return middle - OUTAGE / 2, middle + OUTAGE / 2
 
 
-def examine(folder: Path, vehicle: Vehicle, progress: Progress | None = None) -> dict[str, dict[str, float]]:
-    """Scores on the third lap: GNSS at 10 Hz, at 1 Hz, with an outage in the fastest corner (scored within it), and
-    two formulas that an observer has to beat.
+@dataclass(frozen=True)
+class Examination:
+    """Scores on the third lap by case: of all of it, of what comes after the start-up transient of the reference's
+    heading, and with that taken out; and of two formulas that an observer has to beat."""
 
-    Side slip in degrees where the car is faster than 3 m/s, lateral velocity as NRMSD in percent.
+    whole: Mapping[str, Compared]
+    settled: Mapping[str, Compared]
+    without_transient: Mapping[str, Compared]
+    formulas: Mapping[str, Mapping[str, SignalScore]]
+    transient: HeadingTransient
+
+    def figures(self) -> dict[str, dict[str, Any]]:
+        """Figures of each case, ready for JSON: side slip in degrees where the car is faster than 3 m/s, lateral
+        velocity as NRMSD in percent, and for each signal what `Compared.figures` has."""
+        found: dict[str, dict[str, Any]] = {}
+        for case, compared in self.whole.items():
+            found[case] = _figures(compared.scores) | {
+                "after_transient": _figures(self.settled[case].scores),
+                "without_transient": _figures(self.without_transient[case].scores),
+                "signals": compared.figures(),
+                "signals_after_transient": self.settled[case].figures(),
+            }
+        found |= {name: _figures(scores) for name, scores in self.formulas.items()}
+        return found | {"reference": asdict(self.transient) | {"over": self.transient.over}}
+
+
+def examine(folder: Path, vehicle: Vehicle, progress: Progress | None = None) -> Examination:
+    """Examine the observer on the third lap: GNSS at 10 Hz, at 1 Hz, with an outage in the fastest corner (scored
+    within it).
+
+    The transient of the reference is fitted to the formula whose coefficients come from the two other laps.
     """
     path = folder / EXAMINED_ON
     lap = genesis.read(path)
+    coefficients = baselines.fit_regression([genesis.read(folder / name) for name in IDENTIFIED_FROM])
+    formulas = {
+        "regression": baselines.regression(lap, coefficients),
+        "kinematic": baselines.kinematic(lap, vehicle.physics.chassis.cog_to_rear_axle),
+    }
+    transient = transient_of(lap, formulas["regression"])
+    assert transient is not None
     outage = fastest_corner(lap)
     cases = {
-        "10hz": (lap, None),
-        "1hz": (genesis.read(path, gnss_rate_hz=1.0), None),
+        "10hz": (lap, (0.0, np.inf)),
+        "1hz": (genesis.read(path, gnss_rate_hz=1.0), (0.0, np.inf)),
         "outage": (genesis.read(path, gnss_outage=outage), outage),
     }
-    results: dict[str, dict[str, float]] = {}
-    for i, (name, (recording, window)) in enumerate(cases.items()):
-        output = run(recording, vehicle, progress=part(progress, i, len(cases))).output
-        results[name] = _figures(_scores(at_reference(output, vehicle), recording, window))
-    fitted = baselines.regression(
-        lap, baselines.fit_regression([genesis.read(folder / name) for name in IDENTIFIED_FROM])
-    )
-    results["regression"] = _figures(baselines.score_all(fitted, lap))
-    rolling = baselines.kinematic(lap, vehicle.physics.chassis.cog_to_rear_axle)
-    results["kinematic"] = _figures(baselines.score_all(rolling, lap))
-    return results
+    whole, settled, without = {}, {}, {}
+    for i, (name, (recording, (begin, end))) in enumerate(cases.items()):
+        output = at_reference(run(recording, vehicle, progress=part(progress, i, len(cases))).output, vehicle)
+        whole[name] = Compared.of(output, recording, (begin, end))
+        settled[name] = Compared.of(output, recording, (max(begin, transient.over), end))
+        without[name] = Compared.of(output, without_transient(recording, transient), (begin, end))
+    scores = {name: baselines.score_all(series, lap) for name, series in formulas.items()}
+    return Examination(whole, settled, without, scores, transient)
 
 
 def side_slip(folder: Path, vehicle: Vehicle, stated: Reference, progress: Progress | None = None) -> dict[str, float]:
@@ -162,7 +195,8 @@ def side_slip(folder: Path, vehicle: Vehicle, stated: Reference, progress: Progr
         estimates: Recording, recording: Recording, where: Reference, inside: tuple[float, float] | None
     ) -> float:
         moved = at_reference(estimates, vehicle.model_copy(update={"reference": where}))
-        return _figures(_scores(moved, recording, inside))["side_slip_rmse_deg"]
+        judged = recording if inside is None else within(recording, *inside)
+        return _figures(compare(moved, judged))["side_slip_rmse_deg"]
 
     return {
         "side_slip_deg": error(output, lap, stated, None),
@@ -172,15 +206,6 @@ def side_slip(folder: Path, vehicle: Vehicle, stated: Reference, progress: Progr
     }
 
 
-def _scores(output: Recording, lap: Recording, window: tuple[float, float] | None) -> Mapping[str, SignalScore]:
-    if window is None:
-        return compare(output, lap)
-    reference = lap["reference/odometry"]
-    inside = (reference.seconds >= window[0]) & (reference.seconds <= window[1])
-    part = Recording({**lap.channels, "reference/odometry": reference.select(inside)}, lap.name, metadata=lap.metadata)
-    return compare(output, part)
-
-
 def _figures(scores: Mapping[str, SignalScore]) -> dict[str, float]:
     return {
         "side_slip_rmse_deg": float(np.degrees(scores["side_slip"].rmse)),
@@ -188,7 +213,7 @@ def _figures(scores: Mapping[str, SignalScore]) -> dict[str, float]:
     }
 
 
-def write_results(results: Mapping[str, Mapping[str, float]], path: Path) -> None:
+def write_results(results: Mapping[str, Mapping[str, Any]], path: Path) -> None:
     """The results as JSON."""
     path.parent.mkdir(parents=True, exist_ok=True)
     path.write_text(json.dumps(results, indent=2) + "\n", encoding="utf-8")

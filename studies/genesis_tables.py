@@ -2,22 +2,42 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from math import degrees
 
 from rich.console import Console
 
-from studies.genesis import FREE_PARAMETERS, IDENTIFIED_FROM
+from studies.coverage import coverage_table
+from studies.genesis import FREE_PARAMETERS, IDENTIFIED_FROM, Examination
 from vsense_ros.evaluate.terminal import plain_table
 from vsense_ros.identify.parameter_set import of_vehicle
 from vsense_ros.identify.side_slip import SideSlipFit
 from vsense_ros.model.vehicle import Vehicle
 
 
-def show_examination(results: Mapping[str, Mapping[str, float]], console: Console) -> None:
-    """Print the figures of each case."""
-    rows = [(name, *(f"{figure:.3f}" for figure in figures.values())) for name, figures in results.items()]
-    _show(console, ("case", "side slip RMSE [°]", "lateral velocity NRMSD [%]"), rows)
+def show_examination(found: Examination, console: Console) -> None:
+    """Print the side slip of each case by all of the lap, after the transient of the reference and without it; then
+    errors and standard deviations of all signals."""
+    rows = []
+    for case, whole in found.whole.items():
+        parts = [one[case].scores for one in (found.whole, found.settled, found.without_transient)]
+        slips = [f"{degrees(scores['side_slip'].rmse):.3f}" for scores in parts]
+        rows.append((case, *slips, f"{whole.scores['lateral_velocity'].nrmsd_percent:.3f}"))
+    for formula, scores in found.formulas.items():
+        rows.append(
+            (formula, f"{degrees(scores['side_slip'].rmse):.3f}", "", "",
+             f"{scores['lateral_velocity'].nrmsd_percent:.3f}")
+        )  # fmt: skip
+    headings = (
+        "case", "side slip RMSE\nwhole [°]", f"after {found.transient.over:.0f} s\n[°]", "without the\ntransient [°]",
+        "lateral velocity\nNRMSD [%]",
+    )  # fmt: skip
+    _show(console, headings, rows)
+    console.print(f"Fitted {found.transient}.\n")
+    after = f"after {found.transient.over:.0f} s"
+    console.print(coverage_table(found.whole, "case"))
+    console.print(f"\nThe same {after}:")
+    console.print(coverage_table({name: one for name, one in found.settled.items() if name != "outage"}, "case"))
 
 
 def show_identification(start: Vehicle, fit: SideSlipFit, console: Console) -> None:

@@ -19,7 +19,8 @@ def test_side_slip_without_measuring_it_beats_the_formulas_and_reaches_what_was_
     folder = datasets.find("genesis_oxts_can")
     if folder is None:
         pytest.skip("the Genesis recordings are not here: set VSENSE_DATA or run `vsense datasets fetch`")
-    results = job.examine(folder if folder.is_dir() else folder.parent, load_vehicle(vehicle_path("genesis")))
+    folder = folder if folder.is_dir() else folder.parent
+    results = job.examine(folder, load_vehicle(vehicle_path("genesis"))).figures()
     limits = {"10hz": (0.16, 3.5), "1hz": (0.22, 5.0), "outage": (0.30, float("inf"))}
     for case, (side_slip, lateral_velocity) in limits.items():
         assert results[case]["side_slip_rmse_deg"] <= side_slip, case
