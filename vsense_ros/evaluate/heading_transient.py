@@ -90,13 +90,13 @@ def without_transient(recording: Recording, transient: HeadingTransient) -> Reco
     linear = odometry.columns["linear"]
     turned = turn.apply(np.nan_to_num(linear))
     orientation = (Rotation.from_quat(odometry.columns["orientation"]) * turn.inv()).as_quat()
-    columns = odometry.columns | {"linear": np.where(np.isnan(linear), np.nan, turned), "orientation": orientation}
-    channels[ODOMETRY] = replace(odometry, columns=columns)
+    moved = {"linear": np.where(np.isnan(linear), np.nan, turned), "orientation": orientation}
+    channels[ODOMETRY] = replace(odometry, columns={**odometry.columns, **moved})
     if SIDE_SLIP in channels:
         slip = channels[SIDE_SLIP]
         vector = slip.columns["vector"].copy()
         vector[:, 0] += transient.at(slip.stamp)
-        channels[SIDE_SLIP] = replace(slip, columns=slip.columns | {"vector": vector})
+        channels[SIDE_SLIP] = replace(slip, columns={**slip.columns, "vector": vector})
     return replace(recording, channels=channels)
 
 

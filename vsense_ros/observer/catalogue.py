@@ -89,7 +89,7 @@ def extra_numbers(vehicle: Vehicle, sensors: dict[str, SensorBase]) -> int:
 
 def with_parameters(vehicle: Vehicle) -> Vehicle:
     """The vehicle with parameters for an SPI to estimate: those of its file, or where it lists none mass, friction and
-    the cornering stiffness of both axles, with the uncertainty that they have in the file of any car."""
+    the cornering stiffness of both axles, with the uncertainty that the file states of them, or that of any car."""
     if vehicle.observer.parameters:
         return vehicle
     deviations = {
@@ -98,6 +98,7 @@ def with_parameters(vehicle: Vehicle) -> Vehicle:
         "front.cornering_scale": SPI_DEFAULTS.cornering_scale,
         "rear.cornering_scale": SPI_DEFAULTS.cornering_scale,
     }
+    deviations |= {name: stated for name, stated in vehicle.deviations().items() if name in deviations}
     known, least = vehicle.values(), SPI_DEFAULTS.least_share
     parameters = {
         name: EstimatedParameter(deviation=deviation, lower=max(known[name] - 4 * deviation, least * known[name]))
