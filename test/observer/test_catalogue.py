@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 from click.testing import CliRunner
 
-from conftest import VEHICLES
 from drives import feed, messages
 from vsense_ros.cli import main
 from vsense_ros.errors import InputError
+from vsense_ros.files.installed import vehicle_path
 from vsense_ros.files.vehicle import load_vehicle
 from vsense_ros.messages.recording import Recording
 from vsense_ros.model.vehicle import Vehicle
@@ -49,7 +49,7 @@ def test_an_spi_of_a_file_that_lists_no_parameters_takes_mass_friction_and_stiff
 
 @pytest.mark.parametrize("name", ["prototype_model", "prototype_real"])
 def test_both_prototypes_can_be_observed_by_the_full_car(name: str) -> None:
-    known = load_vehicle(VEHICLES / f"{name}.yaml")
+    known = load_vehicle(vehicle_path(name))
     filter = FILTERS["full_error_ekf"].make(known, sensors_of(known))
     assert filter.car.prior.deviation[filter.names.index("radius_error")] == 0.0
 
