@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import sys
 from pathlib import Path
 from typing import Any
@@ -9,6 +10,8 @@ from typing import Any
 import click
 
 from vsense_ros.cli.common import NEW_FILE
+
+DOUBTFUL = 1  # exit code of a check that found something
 
 # Options that a new vehicle cannot do without, with what is asked in a terminal and an example.
 _NEEDED = {
@@ -94,4 +97,37 @@ def _number(text: str) -> float | None:
         raise click.BadParameter(f"expected a number, found {text!r}") from None
 
 
-COMMANDS = (new_vehicle,)
+@click.command()
+@click.argument("vehicle", metavar="VEHICLE")
+@click.option("--json", "as_json", is_flag=True, help="Print what was found as JSON.")
+@click.pass_context
+def check(context: click.Context, vehicle: str, as_json: bool) -> None:
+    """Check whether VEHICLE is a car.
+
+    Compares its weight distribution, inertias, natural frequencies, tyres at their loads, understeer and roll gradient,
+    places and noise of its sensors with the ranges of real cars, and names the mistake that explains a figure outside:
+    other units, exchanged distances, a diameter in place of a radius. Ends with 0 if nothing looks wrong, with 1 if
+    something does.
+
+    \b
+    Examples:
+      vsense check my_car.yaml
+      vsense check my_car.yaml --json
+    """
+    from vsense_ros.evaluate.terminal import say
+    from vsense_ros.files.installed import vehicle_path
+    from vsense_ros.files.names import printable
+    from vsense_ros.prepare.vehicle_check import check_vehicle
+
+    found = check_vehicle(vehicle_path(vehicle))
+    if as_json:
+        click.echo(json.dumps(found.as_dict(), indent=2))
+    else:
+        for sentence in found.sentences():
+            say(printable(f"Look at {sentence}."))
+        if found.is_good:
+            say(f"Nothing looks wrong with {found.name}.")
+    context.exit(0 if found.is_good else DOUBTFUL)
+
+
+COMMANDS = (new_vehicle, check)

@@ -31,6 +31,24 @@ def load_vehicle(path: str | Path) -> Vehicle:
     Raises `InputError` that names file, line, key, what was found and what is allowed, one line for each fault.
     """
     path = Path(path)
+    tree = _tree(path)
+    try:
+        # As JSON, where strict means that a number is a number but a list may stand for a tuple.
+        return Vehicle.model_validate_json(json.dumps(_resolved(path, tree), default=str), strict=True)
+    except ValidationError as error:
+        raise InputError("\n".join(_fault(path, tree, fault) for fault in error.errors())) from None
+
+
+def load_content(path: str | Path) -> dict[str, Any]:
+    """The content of a vehicle file, whether or not there can be such a car. Raises `InputError` for what is no YAML,
+    or has no such tyre file."""
+    path = Path(path)
+    content: dict[str, Any] = _resolved(path, _tree(path))
+    return content
+
+
+def _tree(path: Path) -> CommentedMap:
+    """A vehicle file as YAML with its lines. Raises `InputError` for what is none."""
     if not path.exists():
         raise InputError(
             f"{path}: no such vehicle file; give the path of one, or the name without .yaml of one in config/vehicles"
@@ -46,11 +64,7 @@ def load_vehicle(path: str | Path) -> Vehicle:
         raise InputError(f"{path}: not valid YAML: {error}") from None
     if not isinstance(tree, CommentedMap):
         raise InputError(f"{path}: expected a mapping with the keys {', '.join(Vehicle.model_fields)}")
-    try:
-        # As JSON, where strict means that a number is a number but a list may stand for a tuple.
-        return Vehicle.model_validate_json(json.dumps(_resolved(path, tree), default=str), strict=True)
-    except ValidationError as error:
-        raise InputError("\n".join(_fault(path, tree, fault) for fault in error.errors())) from None
+    return tree
 
 
 def save_vehicle(path: str | Path, vehicle: Vehicle) -> None:

@@ -1,0 +1,63 @@
+"""The check of a vehicle file: can it be read, and is it a car?"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from vsense_ros.errors import InputError
+from vsense_ros.files.vehicle import load_content, load_vehicle
+from vsense_ros.model.vehicle import Vehicle
+from vsense_ros.prepare.car_check import CarFinding, check_car, check_document, in_words
+
+
+@dataclass(frozen=True)
+class VehicleCheck:
+    """What was found in a vehicle file: the reason why it is no car (`refused`), or findings of one that is."""
+
+    name: str
+    vehicle: Vehicle | None
+    findings: Sequence[CarFinding]
+    refused: str = ""
+
+    @property
+    def is_good(self) -> bool:
+        """True if nothing was found."""
+        return not self.refused and not self.findings
+
+    def sentences(self) -> list[str]:
+        """What was found, one sentence each."""
+        return [*self.refused.splitlines(), *(in_words(finding) for finding in self.findings)]
+
+    def as_dict(self) -> dict[str, Any]:
+        """What was found, for JSON."""
+        return {
+            "name": self.name,
+            "refused": self.refused or None,
+            "findings": [_as_dict(finding) for finding in self.findings],
+        }
+
+
+def check_vehicle(path: str | Path) -> VehicleCheck:
+    """Check a vehicle file. Raises `InputError` for one that is missing or no YAML."""
+    content = load_content(path)
+    try:
+        vehicle = load_vehicle(path)
+    except InputError as error:
+        return VehicleCheck(Path(path).stem, None, check_document(content), str(error))
+    return VehicleCheck(vehicle.name, vehicle, check_car(vehicle))
+
+
+def _as_dict(finding: CarFinding) -> dict[str, Any]:
+    return {
+        "keys": list(finding.keys),
+        "meant": finding.mistake.words if finding.mistake is not None else None,
+        "figures": [
+            {"name": one.name, "place": one.place, "value": one.value, "unit": one.limits.unit,
+             "range": list(one.limits.range), "source": one.limits.source}
+            for one in finding.features
+        ],
+        "sentence": in_words(finding),
+    }  # fmt: skip
