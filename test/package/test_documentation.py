@@ -11,6 +11,7 @@ from pathlib import Path
 
 import click
 import pytest
+from click.testing import CliRunner
 
 from vsense_ros.cli import main
 
@@ -77,6 +78,23 @@ def test_every_command_that_a_help_text_names_exists() -> None:
         if missing := wrong_commands(text):
             wrong[name] = missing
     assert wrong == {}
+
+
+def test_every_command_has_a_heading_and_its_whole_summary_in_one_line_of_80_columns() -> None:
+    text = CliRunner().invoke(main, ["--help"], terminal_width=80).output
+    assert "Other:" not in text
+    for name, command in main.commands.items():
+        assert re.search(rf"^  {name} +{re.escape(command.get_short_help_str(1000))}$", text, re.MULTILINE), name
+
+
+def test_the_list_of_filters_has_at_most_80_columns_also_in_a_file() -> None:
+    text = CliRunner().invoke(main, ["filters", "--all"]).output
+    assert max(map(len, text.splitlines())) <= 80
+
+
+def test_the_help_of_simulate_lists_the_manoeuvres() -> None:
+    words = re.split(r"[\s,]+", CliRunner().invoke(main, ["simulate", "--help"], terminal_width=80).output)
+    assert {"double_lane_change", "hills", "lane_change_35", "dg_100"} <= set(words)
 
 
 def test_a_command_that_does_not_exist_is_noticed() -> None:

@@ -25,7 +25,18 @@ from vsense_ros.cli import (
     vehicle,
     view,
 )
-from vsense_ros.cli.common import Commands
+from vsense_ros.cli.common import GroupedCommands
+
+HEADINGS = {
+    "Use": ("demo", "run", "filters", "view", "monitor"),
+    "Prepare": (
+        "new-vehicle", "can", "import", "info", "check", "calibrate", "datasets", "schema", "suspension", "compile"
+    ),
+    "Identify": ("characterise", "identify", "tune", "observability"),
+    "Explain": ("explain",),
+    "Export": ("export", "export-results", "urdf"),
+    "Studies": ("simulate", "tyres", "faults", "design", "partition"),
+}  # fmt: skip
 
 
 def _print_version(context: click.Context, _: click.Parameter, wanted: bool) -> None:
@@ -40,16 +51,19 @@ def _print_version(context: click.Context, _: click.Parameter, wanted: bool) -> 
     context.exit()
 
 
-@click.group(cls=Commands, context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 100})
-@click.option("--version", is_flag=True, is_eager=True, expose_value=False, callback=_print_version, help="Show it.")
+@click.group(cls=GroupedCommands, context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 100})
+@click.option(
+    "--version", is_flag=True, is_eager=True, expose_value=False, callback=_print_version, help="Show the version."
+)
 def main() -> None:
-    """On-vehicle virtual sensing: what the car did that no sensor measured.
+    """Estimate what no sensor of a car measures: side slip, attitude, tyre forces.
 
     \b
-    vsense demo                                   see it work on real drives
-    vsense import LAP.mat lap                     turn a recording into a bag
-    vsense info lap                               look for what is wrong with it
-    vsense run lap --vehicle genesis --report     estimate, compare, report
+    Examples:
+      vsense demo                                   see it work on real drives
+      vsense import LAP.mat lap                     convert a recording to a bag
+      vsense info lap                               look for faults in it
+      vsense run lap --vehicle genesis --report     estimate, compare, report
     """
 
 
@@ -71,3 +85,4 @@ for _command in (
     *view.COMMANDS,
 ):
     main.add_command(_command)
+main.headings = HEADINGS

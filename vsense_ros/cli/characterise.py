@@ -11,23 +11,26 @@ from vsense_ros.cli.common import VEHICLE_HELP, distinct_names, import_named, lo
 
 @click.command()
 @click.argument("car_or_recordings", nargs=-1, required=True, metavar="VEHICLE|RECORDING...")
-@click.option("--vehicle", metavar="FILE", help=f"Of RECORDINGS: mass, wheelbase, mounting. {VEHICLE_HELP}")
+@click.option(
+    "--vehicle", metavar="FILE", help=f"States mass, wheelbase and sensor mounting for RECORDINGS. {VEHICLE_HELP}"
+)
 @click.option(
     "--out", type=click.Path(path_type=Path), default=Path("out/characterise"), show_default=True,
-    help="Where to write, without an ending: a picture and JSON.",
+    help="Path without extension, for a picture and JSON.",
 )  # fmt: skip
 def characterise(car_or_recordings: tuple[str, ...], vehicle: str | None, out: Path) -> None:
-    """Measure what kind of car it is.
-
-    Rolling radii, stiffnesses, understeer and roll gradient, steering ratio, frequency response. A VEHICLE file drives
-    the tests on the full model: straights at 15 and 50 km/h, a winding drive, a slow ramp of the steering and a sweep.
-    RECORDINGS are taken as they come; what they cannot determine is listed with the reason. The standard deviations
-    count slow errors, but not wrong ones: an accelerometer takes the bank of a road for roll.
+    """Measure understeer, roll gradient, radii and stiffnesses.
 
     \b
     Examples:
       vsense characterise jaguar_saloon
       vsense characterise lap_1 lap_2 --vehicle genesis --out out/genesis_laps
+
+    Determines rolling radii, stiffnesses, understeer and roll gradient, steering ratio and frequency response. A
+    VEHICLE file is driven through the tests on the full model: straights at 15 and 50 km/h, a winding drive, a slow
+    ramp of the steering, and a sweep. RECORDINGS are used as they are; quantities that they cannot determine are listed
+    with the reason. The standard deviations include slow errors, but not systematic ones: the bank of a road looks like
+    roll to an accelerometer.
     """
     from vsense_ros.errors import InputError
     from vsense_ros.evaluate.terminal import console, progress, say

@@ -93,6 +93,23 @@ class Commands(click.Group):
         ctx.exit(FAULT)
 
 
+class GroupedCommands(Commands):
+    """A group of commands whose help lists them below headings, with their whole summaries."""
+
+    headings: Mapping[str, Sequence[str]] = {}  # names of commands by heading
+
+    def format_commands(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
+        known = {name: command for name, command in self.commands.items() if not command.hidden}
+        listed = {name for names in self.headings.values() for name in names}
+        others = sorted(set(known) - listed)
+        width = max(map(len, known), default=0)
+        for heading, names in [*self.headings.items(), ("Other", others)]:
+            rows = [(name.ljust(width), known[name].get_short_help_str(10_000)) for name in names if name in known]
+            if rows:
+                with formatter.section(heading):
+                    formatter.write_dl(rows)
+
+
 class HoldsOut(click.Command):
     """A command whose --hold-out takes everything up to the next option, as a shell writes out `--hold-out lap_*`."""
 

@@ -30,27 +30,28 @@ _ABOVE_0 = click.FloatRange(0, min_open=True)
 @click.option("--force-noise", type=_ABOVE_0, metavar="M/S2", help="Noise of a sample of an accelerometer.")
 @click.option("--force-bias", type=click.FloatRange(0), metavar="M/S2", help="Bias, in place of the grade's.")
 @click.option(
-    "--antennas", type=click.FloatRange(0.1, 20), metavar="M", help="Two antennas, so far apart, for the heading."
+    "--antennas", type=click.FloatRange(0.1, 20), metavar="M", help="Distance of two antennas that measure the heading."
 )
 @click.option("--latency", type=click.FloatRange(0, 5), default=0.0, metavar="S", help="Unreported latency of fixes.")
-@click.option("--outage", type=float, nargs=2, metavar="FROM TO", help="Without fixes, in s; errors are those in it.")
-@click.option("--side-slip", "wanted", type=_ABOVE_0, metavar="DEG", help="Wanted: which sensors give it?")
+@click.option(
+    "--outage", type=float, nargs=2, metavar="FROM TO", help="Interval without fixes [s], in which errors are computed."
+)
+@click.option(
+    "--side-slip", "wanted", type=_ABOVE_0, metavar="DEG", help="Find sensors that reach this side-slip error."
+)
 @click.option(
     "--seeds", type=click.IntRange(1, 1000), default=5, show_default=True, help="Number of seeds of the noise."
 )
 @click.option(
     "--out", type=click.Path(path_type=Path), default=Path("out/design"), show_default=True,
-    help="Where to write, without an ending: a picture and JSON.",
+    help="Path without extension, for a picture and JSON.",
 )  # fmt: skip
 def design(
     manoeuvre: str, filters: tuple[str, ...], receiver: str, fix_rate: float, grade: str, gyro_noise: float | None,
     gyro_bias: float | None, force_noise: float | None, force_bias: float | None, antennas: float | None,
     latency: float, outage: tuple[float, float] | None, wanted: float | None, seeds: int, out: Path,
 ) -> None:  # fmt: skip
-    """Predict how accurately a receiver and inertial sensors determine heading and side slip, before buying them.
-
-    A saloon drives MANOEUVRE with all its degrees of freedom; filters follow it with these sensors at its centre of
-    gravity. Beside that stand the closed forms of Leung 2010, section 4.6.
+    """Predict the accuracy of a GNSS receiver and an IMU.
 
     \b
     Examples:
@@ -58,6 +59,10 @@ def design(
       vsense design double_oval_45 --receiver survey --fix-rate 10 --grade industrial
       vsense design lane_change_45 --side-slip 0.1 --filter inertial
       vsense design double_oval_35 --outage 60 70
+
+    Predicts, before sensors are bought, how accurately they will determine heading and side slip. A saloon with all its
+    degrees of freedom drives MANOEUVRE, and filters follow it with these sensors at its centre of gravity. Their errors
+    are printed beside the closed forms of Leung 2010, section 4.6.
     """
     from dataclasses import replace
     from math import radians

@@ -25,15 +25,15 @@ if TYPE_CHECKING:
 @vehicle_option
 @click.option("--out", type=NEW_FOLDER, help="Folder for the results; default: out/run/<name>.")
 @click.option("--filter", "chosen", metavar="NAME", help="Filter, as `vsense filters` lists them.")
-@click.option("--smooth", is_flag=True, help="Smoothing by the whole recording (GNSS/INS filters).")
+@click.option("--smooth", is_flag=True, help="Smooth over the whole recording (GNSS/INS filters).")
 @click.option(
     "--lag",
     type=click.FloatRange(0, min_open=True),
     metavar="SECONDS",
-    help="Fixed-lag smoothing: seconds of later data used.",
+    help="Smooth with this many seconds of later data.",
 )
 @click.option("--mend", is_flag=True, help="Correct signs, axes and units that cannot be right.")
-@click.option("--report", is_flag=True, help="Also a picture and an HTML report.")
+@click.option("--report", is_flag=True, help="Also write a picture and an HTML report.")
 @click.pass_context
 def run(
     context: click.Context,
@@ -46,11 +46,7 @@ def run(
     mend: bool,
     report: bool,
 ) -> None:
-    """Estimate the motion and forces of a car that BAG does not measure, and compare with its reference if it has one.
-
-    BAG may also be a recording that `vsense import` understands. Writes an output bag and summary.json, with --report
-    also a picture (PNG, SVG) and a report that opens without a network. Ends with 3 where the filter diverged: what it
-    estimated until then is written, and nothing of the time in between.
+    """Estimate the motion and the tyre forces of a car from BAG.
 
     \b
     Examples:
@@ -58,6 +54,10 @@ def run(
       vsense run med_lap --vehicle genesis --out out/med_lap
       vsense run bags/step_steer --vehicle prototype_model --filter dekf
       vsense run med_lap --vehicle genesis --filter inertial --smooth
+
+    If BAG contains a reference, the estimates are compared with it. BAG may also be a recording that `vsense import`
+    reads. The command writes a bag with the estimates and summary.json; --report adds a picture (PNG, SVG) and a report
+    that opens without a network. If the filter diverges, the exit code is 3, and the estimates until then are written.
     """
     from dataclasses import replace
 
@@ -138,23 +138,23 @@ def _way(chosen: str | None, smooth: bool, lag: float | None) -> Callable[[Recor
 
 
 @click.command()
-@click.option("--all", "every", is_flag=True, help="Also those that repeat a paper, and references to compare with.")
+@click.option("--all", "every", is_flag=True, help="Include filters that repeat a paper or serve as a comparison.")
 def filters(every: bool) -> None:
-    """List the filters: what each estimates, from what, and when to take which.
-
-    `vsense run --filter NAME` and the parameter `filter` of the observer node take one of them; `vsense export c`
-    writes errorEKF, SPI and GNSS/INS filters, but for the particle filter.
+    """List the filters, and when to use which.
 
     \b
     Examples:
       vsense filters
       vsense filters --all
+
+    `vsense run --filter NAME` and the parameter `filter` of the observer node take one of them. `vsense export c`
+    writes errorEKF, SPI and all GNSS/INS filters except the particle filter.
     """
-    from vsense_ros.estimation.catalogue import table
+    from vsense_ros.estimation.catalogue import described
     from vsense_ros.evaluate.terminal import console
 
     known = every_filter()
-    console().print(table(known if every else known.recommended))
+    console().print(described(known if every else known.recommended))
 
 
 COMMANDS = (run, filters)

@@ -23,14 +23,21 @@ from vsense_ros.cli.common import (
 @click.command(cls=HoldsOut)
 @click.argument("recordings", nargs=-1, type=STRETCH)
 @click.option("--vehicle", metavar="FILE", help=VEHICLE_HELP)
-@click.option("--hold-out", "held_out", metavar="RECORDING…", multiple=True, type=STRETCH, help="To prove it on.")
+@click.option(
+    "--hold-out",
+    "held_out",
+    metavar="RECORDING…",
+    multiple=True,
+    type=STRETCH,
+    help="Recordings for validation; not used for fitting.",
+)
 @click.option("--assume", multiple=True, metavar="EFFECT", help="Fit this effect instead of searching; repeatable.")
 @click.option(
     "--ablation",
     metavar="PART",
-    help="For comparison, the method without a part: no_refit, no_projection, chi2_thresholds.",
+    help="Leave out a part of the method, for comparison: no_refit, no_projection, chi2_thresholds.",
 )
-@click.option("--laps", "by_lap", is_flag=True, help="Cut each recording into its laps, which are found by position.")
+@click.option("--laps", "by_lap", is_flag=True, help="Cut each recording into its laps, by position.")
 @click.option(
     "--mend",
     is_flag=True,
@@ -48,9 +55,11 @@ from vsense_ros.cli.common import (
 )
 @click.option("--workers", type=click.IntRange(min=1), help="Processes on this machine; default: one per core.")
 @click.option(
-    "--next", "design", is_flag=True, help="Suggest the test that would decide between the explanations in --report."
+    "--next", "design", is_flag=True, help="Suggest the test that decides between the explanations in --report."
 )
-@click.option("--report", type=NEW_FOLDER, default=Path("out/explain"), show_default=True)
+@click.option(
+    "--report", type=NEW_FOLDER, default=Path("out/explain"), show_default=True, help="Folder for the results."
+)
 def explain(
     recordings: tuple[Stretch, ...],
     vehicle: str | None,
@@ -66,30 +75,29 @@ def explain(
     design: bool,
     report: Path,
 ) -> None:
-    """Name the physics that the model of a car leaves out on RECORDINGS.
-
-    The uncertain parameters of the vehicle file are fitted first; the residual is then compared with the effects of the
-    library. Writes explain.json, report.html, and where something is named vehicle.extended.yaml,
-    which every other command takes as --vehicle.
-
-    With --fleet, DIR has one folder for each vehicle: its recordings, vehicle.yaml (or one in DIR for all that have
-    none), and in held_out/ those to prove it on. All recordings of a vehicle are explained together, as what is named
-    must hold on those left out of the fit. Vehicles run beside each other on Dask; what was done before, of the same
-    files, is not done again; what cannot be used is listed with its reason. Writes into --report, outside of DIR, a
-    folder for each vehicle, fleet.parquet (a row per recording and effect), fleet.csv and fleet.html.
-
-    With --next, after an ambiguous answer, generated manoeuvres are driven with each effect of the answer set at its
-    fitted size, and ranked by how well they would decide: next.json. With --next and no RECORDINGS that is done for the
-    answer in the folder of --report.
-
-    A recording may be a part of one, as `lap.mcap@207:310` [s since its first stamp]. Recordings whose signs, axes or
-    units cannot be right are refused with the transformation that mends them, which --mend applies.
+    """Find the physics that the model of a car lacks.
 
     \b
     Examples:
       vsense explain lap_1 lap_2 --hold-out lap_3 --vehicle genesis --report out/explain
       vsense explain --next --vehicle genesis --report out/explain
       vsense explain --fleet recordings --report out/fleet
+
+    The uncertain parameters of the vehicle file are fitted first. The residual is then compared with the effects of the
+    library. Writes explain.json, report.html and, if an effect is named, vehicle.extended.yaml, which every other
+    command takes as --vehicle.
+
+    A recording may be a part of a file, such as `lap.mcap@207:310` [s since its first stamp]. Recordings whose signs,
+    axes or units cannot be right are refused with the correction, which --mend applies.
+
+    --next simulates manoeuvres with each remaining explanation of an ambiguous answer, ranks them by how clearly they
+    separate the explanations, and writes next.json. Without RECORDINGS it uses the answer in the folder of --report.
+
+    --fleet explains every vehicle that has a folder in DIR. The folder contains recordings, vehicle.yaml (or one in DIR
+    for all vehicles that have none) and, in held_out/, the recordings for validation. The vehicles are processed in
+    parallel by Dask. Results of unchanged files are reused, and vehicles that cannot be used are listed with the
+    reason. The folder of --report, which must be outside of DIR, gets a folder for each vehicle, fleet.parquet (a row
+    for each recording and effect), fleet.csv and fleet.html.
     """
     if fleet is not None:
         if recordings or vehicle or held_out or assume or ablation or design:

@@ -15,7 +15,7 @@ if TYPE_CHECKING:
 
 @click.group(cls=Commands)
 def export() -> None:
-    """Write an observer for machines that have no Python.
+    """Export an observer as C99 or as an FMU.
 
     \b
     Examples:
@@ -26,9 +26,13 @@ def export() -> None:
 
 @export.command("c")
 @click.argument("vehicle")
-@click.option("--output", required=True, type=NEW_FOLDER, metavar="DIR", help="Folder.")
+@click.option("--output", required=True, type=NEW_FOLDER, metavar="DIR", help="Folder to write to.")
 @click.option(
-    "--sensor", "sensors", multiple=True, metavar="NAME", help="Only these of the vehicle file; default: all."
+    "--sensor",
+    "sensors",
+    multiple=True,
+    metavar="NAME",
+    help="Use only these sensors of the vehicle file; default: all.",
 )
 @click.option(
     "--filter",
@@ -36,18 +40,12 @@ def export() -> None:
     metavar="NAME",
     help="error_ekf, spi, or a GNSS/INS filter, as `vsense filters` lists them; default: as VEHICLE says.",
 )
-@click.option("--float32", "single", is_flag=True, help="Every number in single precision.")
+@click.option("--float32", "single", is_flag=True, help="Use single precision.")
 @click.option("--check", metavar="BAG", type=EXISTING, help="Compile, and compare with the Python observer on BAG.")
 def export_c(
     vehicle: str, output: Path, sensors: tuple[str, ...], chosen: str | None, single: bool, check: Path | None
 ) -> None:
-    """Write the observer of VEHICLE and its sensors as C99: no allocation, no library but libm, one struct.
-
-    The errorEKF, or the SPI where VEHICLE lists parameters that are to be estimated; or the filter that --filter names.
-
-    With --check both observers get the same calls on a recording; the largest difference is printed, and size and time
-    of a step of errorEKF or SPI go into the README of the sources. With --float32 too, it is compared with the same in
-    double precision.
+    """Write the observer of VEHICLE as C99.
 
     \b
     Examples:
@@ -55,6 +53,13 @@ def export_c(
       vsense export c rav4 --output out/rav4 --check segment/
       vsense export c rav4 --output out/small --sensor imu --sensor wheel_speeds --sensor steering
       vsense export c rav4 --output out/dual --filter dual_kkf --check segment/
+
+    The code allocates no memory, uses no library except libm, and keeps its state in one struct. It is the errorEKF, or
+    the SPI if VEHICLE lists parameters to be estimated, or the filter that --filter names.
+
+    --check makes the same calls to both observers on a recording and prints the largest difference. Size and time of a
+    step of errorEKF or SPI are written to the README of the sources. With --float32, the result is also compared with
+    double precision.
     """
     from vsense_ros.evaluate.terminal import console, progress, say, waiting
     from vsense_ros.export import c
@@ -121,27 +126,31 @@ def _export_filter(car: Vehicle, name: str, output: Path, check: Path | None) ->
 @export.command("fmu")
 @click.argument("vehicle")
 @click.option("--fmi", "version", type=click.Choice(["2", "3"]), default="3", show_default=True, help="Version of FMI.")
-@click.option("--plant", is_flag=True, help="The car itself instead of its observer.")
-@click.option("--output", required=True, type=NEW_FILE, metavar="FILE", help="The unit, .fmu.")
-@click.option("--no-binary", is_flag=True, help="Sources alone, to be compiled where the unit shall run.")
-@click.option("--filter", "chosen", metavar="NAME", help="error_ekf or spi; default: as VEHICLE says.")
+@click.option("--plant", is_flag=True, help="Export the car itself instead of its observer.")
+@click.option("--output", required=True, type=NEW_FILE, metavar="FILE", help="FMU to write.")
+@click.option("--no-binary", is_flag=True, help="Write only sources, to be compiled by the importing tool.")
+@click.option("--filter", "chosen", metavar="NAME", help="error_ekf or spi; default: that of VEHICLE.")
 @click.option(
-    "--check", metavar="BAG", type=EXISTING, help="Validate, and compare with C export and Python observer on BAG."
+    "--check",
+    metavar="BAG",
+    type=EXISTING,
+    help="Validate, and compare with the C export and the Python observer on BAG.",
 )
 def export_fmu(
     vehicle: str, version: str, plant: bool, output: Path, no_binary: bool, chosen: str | None, check: Path | None
 ) -> None:
-    """Write the observer of VEHICLE, or the car itself, as a functional mock-up unit for co-simulation.
-
-    Inputs of an observer are the steering angle and what the sensors measure, with a count for each sensor that changes
-    with every new measurement; outputs are states and tyre forces. A plant has steering, wheel torques and slopes of
-    the road as inputs. Sources are inside; nothing needs Python.
+    """Write the observer of VEHICLE, or the car itself, as an FMU.
 
     \b
     Examples:
       vsense export fmu prototype_model --fmi 2 --output out/observer.fmu
       vsense export fmu prototype_model --plant --output out/car.fmu
       vsense export fmu rav4 --output out/rav4.fmu --check segment/
+
+    The functional mock-up unit is for co-simulation, contains its sources, and needs no Python. The inputs of an
+    observer are the steering angle and the sensor measurements, with a counter for each sensor that increases with
+    every new measurement; its outputs are states and tyre forces. The inputs of a plant are steering, wheel torques and
+    slopes of the road.
     """
     from vsense_ros.evaluate.terminal import console, progress, say, waiting
     from vsense_ros.export import c, fmu

@@ -19,11 +19,20 @@ def _names(_: click.Context, __: click.Parameter, values: tuple[str, ...]) -> tu
 @vehicle_option
 @click.option(
     "--model", type=click.Choice(["best", "car", "single_track"]), default="best", show_default=True,
-    help="best: 4 degrees of freedom, wheel speeds; single_track: a speed is enough; car: the observer's, unproven.",
+    help="best: 4 degrees of freedom, with wheel speeds; single_track: with a speed; car: the observer's, unproven.",
 )  # fmt: skip
 @click.option("--free", multiple=True, callback=_names, metavar="NAMES", help="Parameters to identify; default: all.")
-@click.option("--hold-out", "held_out", metavar="RECORDING…", multiple=True, type=EXISTING, help="To prove it on.")
-@click.option("--report", type=NEW_FOLDER, default=Path("out/identify"), show_default=True)
+@click.option(
+    "--hold-out",
+    "held_out",
+    metavar="RECORDING…",
+    multiple=True,
+    type=EXISTING,
+    help="Recordings for validation; not used for fitting.",
+)
+@click.option(
+    "--report", type=NEW_FOLDER, default=Path("out/identify"), show_default=True, help="Folder for the results."
+)
 def identify(
     recordings: tuple[Path, ...],
     vehicle: str,
@@ -32,17 +41,17 @@ def identify(
     held_out: tuple[Path, ...],
     report: Path,
 ) -> None:
-    """Identify the parameters of a car from RECORDINGS: mass distribution, roll, tyres.
-
-    The values of the vehicle file are taken to be known to about 30 %. Parameters that the drives cannot determine keep
-    their values and are listed by name, with the driving that would determine them. Writes into --report: vehicle.yaml,
-    which every other command takes as --vehicle, report.html and identification.json.
+    """Identify mass distribution, roll and tyres of a car.
 
     \b
     Examples:
       vsense identify drive_1 drive_2 --hold-out drive_3 --vehicle my_car.yaml
       vsense identify lap.mat --vehicle genesis_start --model single_track --free front_peak,rear_peak
       vsense identify drive --vehicle rav4 --model car --free chassis.mass
+
+    The values of the vehicle file are taken to be known to about 30 %. Parameters that the drives cannot determine keep
+    their values and are listed by name, with the driving that would determine them. Writes into --report: vehicle.yaml,
+    which every other command takes as --vehicle, report.html and identification.json.
     """
     from vsense_ros.evaluate.terminal import console, progress, say
     from vsense_ros.files.vehicle import save_vehicle

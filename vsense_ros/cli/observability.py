@@ -14,19 +14,22 @@ from vsense_ros.cli.common import EXISTING, load_car, vehicle_option
 @vehicle_option
 @click.option("--filter", "chosen", default="integrated", show_default=True, metavar="NAME", help="A GNSS/INS filter.")
 @click.option(
-    "--would/--no-would", "ask", default=True, help="Also simulate motions that may determine what BAG does not."
+    "--would/--no-would", "ask", default=True, help="Also simulate motions that may determine the other states."
 )
-@click.option("--out", type=click.Path(path_type=Path), help="Without an ending; default: out/observability/<name>.")
+@click.option(
+    "--out", type=click.Path(path_type=Path), help="Path without extension; default: out/observability/<name>."
+)
 def observability(bag: Path, vehicle: str, chosen: str, ask: bool, out: Path | None) -> None:
-    """Report which states of a filter BAG determines, when and by which motion, which it does not, and what would.
-
-    A state is determined once its standard deviation is half of that at start. For the others this vehicle is
-    simulated: going straight, accelerating and braking, turning, weaving, half a minute each.
+    """Report which states of a filter BAG determines.
 
     \b
     Examples:
       vsense observability bags/double_lane_change --vehicle prototype_model
       vsense observability med_lap --vehicle genesis --filter inertial
+
+    A state is determined once its standard deviation has fallen to half of its initial value. The report states when,
+    and by which motion. For states that are not determined, the vehicle is simulated going straight, accelerating and
+    braking, turning and weaving for half a minute each, to find the motion that would determine them.
     """
     from vsense_ros.assess import observability as job
     from vsense_ros.bag.importers import import_recording

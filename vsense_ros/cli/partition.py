@@ -9,20 +9,23 @@ from vsense_ros.cli.common import load_car
 
 @click.command()
 @click.argument("vehicle")
-@click.option("--device", required=True, metavar="FILE", help="File of a device, or the name of one in config/devices.")
-@click.option("--full", is_flag=True, help="The observer with all bodies and linkages, in steps of 4 ms.")
-@click.option("--iterations", type=click.FloatRange(1, 100), help="In a step. By default measured on a short drive.")
+@click.option("--device", required=True, metavar="FILE", help="Device file, or the name of one in config/devices.")
+@click.option("--full", is_flag=True, help="Use the observer with all bodies and linkages, in steps of 4 ms.")
+@click.option(
+    "--iterations", type=click.FloatRange(1, 100), help="Iterations per step; default: measured on a short drive."
+)
 def partition(vehicle: str, device: str, full: bool, iterations: float | None) -> None:
-    """Which kernels of the observer of VEHICLE are worth a device, and what the whole gains.
-
-    From the operations of the observer by the implicit rule, its iterations and what single precision does to them,
-    clocks and resources of the kernels, and the cost of the link; nothing is recommended where nothing is gained.
+    """Decide which kernels an accelerator should compute.
 
     \b
     Examples:
       vsense partition prototype_model --device xc7z020
       vsense partition prototype_model --device xc7z020 --full
       vsense partition prototype_model --device my_board.yaml --iterations 5
+
+    Predicts the gain from the operations of the observer with implicit steps, the number of iterations and how single
+    precision changes it, clock cycles and resources of the kernels, and the cost of the link. If nothing is gained,
+    nothing is recommended.
     """
     from vsense_ros.assess import partition as job
     from vsense_ros.evaluate.terminal import console, plain_table, say

@@ -48,16 +48,16 @@ _WELCOME = {
 )  # fmt: skip
 @click.option("--force", is_flag=True, help="Replace FILE if there is one.")
 def new_vehicle(output: Path, force: bool, **values: Any) -> None:
-    """Write the vehicle file FILE of a car from a few numbers of a catalogue.
-
-    Everything else is filled by rules from measurements of public cars: inertias, centre of gravity, springs, dampers,
-    anti-roll bars, tyres. Each number has its standard deviation and its source, and `identify`, `explain` and the
-    observer begin with them. In a terminal it asks for what is missing.
+    """Write the vehicle file of a car from catalogue values.
 
     \b
     Examples:
       vsense new-vehicle my_car.yaml --mass 1395 --wheelbase 2.63 --track 1.54 --axle-load-front 820 --tyre 205/55R16
       vsense new-vehicle racer.yaml --like formula-student
+
+    All other numbers follow from rules that were derived from measurements of public cars: inertias, centre of gravity,
+    springs, dampers, anti-roll bars and tyres. Each number has a standard deviation and a source, which `identify`,
+    `explain` and the observer use as a prior. In a terminal the command asks for missing values.
     """
     from vsense_ros.errors import InputError
     from vsense_ros.evaluate.terminal import say

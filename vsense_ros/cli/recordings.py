@@ -20,14 +20,14 @@ from vsense_ros.files.names import printable
     "mappings",
     multiple=True,
     type=EXISTING,
-    help="Which column or signal is what: names, units, signs (tables, measurements, CAN). With several sources one "
-    "for each that needs it, in their order; default: the YAML file beside it.",
+    help="Mapping of columns or signals to topics (text tables, measurement files, CAN). With several sources, one "
+    "for each that needs it, in their order; default: the YAML file beside the source.",
 )
 @click.option("--dbc", type=EXISTING, help="Database of a CAN log.")
 @click.option(
     "--option", "options", multiple=True, metavar="KEY=VALUE", callback=key_value_pairs, help="Passed to the importer."
 )
-@click.option("--overwrite", is_flag=True, help="Replace a bag that stands at OUT.")
+@click.option("--overwrite", is_flag=True, help="Replace an existing bag at OUT.")
 @click.option("--guess", "proposed", is_flag=True, help="Propose a column mapping for a table or measurement; no OUT.")
 def import_(
     sources: tuple[Path, ...],
@@ -38,10 +38,7 @@ def import_(
     overwrite: bool,
     proposed: bool,
 ) -> None:
-    """Turn a recording from elsewhere into a bag that rosbag2 plays.
-
-    The format is found by looking at SOURCE. Several, of one drive by loggers with clocks of their own, become one
-    recording in the time of the first; the offset of the clocks is estimated from the motion that both measure.
+    """Convert a recording to a bag that rosbag2 plays.
 
     \b
     Examples:
@@ -51,6 +48,10 @@ def import_(
       vsense import drive.blf drive --dbc car.dbc --mapping config/can/toyota_rav4_2017.yaml
       vsense import drive.blf gnss.csv drive --dbc car.dbc --mapping can.yaml --mapping gnss.yaml
       vsense import segment/ rav4 --option rolling_radius=0.35
+
+    The format is recognised from the content of SOURCE. Several recordings of one drive, from loggers with clocks of
+    their own, become one recording in the time of the first. The offsets between the clocks are estimated from the
+    motion that all of them measure.
     """
     from vsense_ros.bag import write_bag
     from vsense_ros.bag.importers import find_importer, import_recording
@@ -100,19 +101,19 @@ def _propose(sources: tuple[Path, ...]) -> None:
 
 @click.command()
 @click.argument("bag", type=EXISTING)
-@click.option("--mapping", type=EXISTING, help="Which column or signal is what; default: the YAML file beside it.")
+@click.option("--mapping", type=EXISTING, help="Mapping of columns or signals; default: the YAML file beside BAG.")
 @click.option("--dbc", type=EXISTING, help="Database of a CAN log.")
 def info(bag: Path, mapping: Path | None, dbc: Path | None) -> None:
-    """Say what BAG holds and what looks wrong in it.
-
-    Signals, rates, gaps, clocks, latencies; frozen signals, units, signs and frames that cannot be right. BAG may also
-    be a recording that `vsense import` understands.
+    """List the signals of BAG and what looks wrong in them.
 
     \b
     Examples:
       vsense info bags/double_lane_change
       vsense info laps/med_lap_center_8_21.mat
       vsense info drive.blf --dbc car.dbc --mapping config/can/toyota_rav4_2017.yaml
+
+    Shows signals, rates, gaps, clocks and latencies, and reports frozen signals, and units, signs and frames that
+    cannot be right. BAG may also be a recording that `vsense import` reads.
     """
     from vsense_ros.bag.importers import import_recording
     from vsense_ros.checks.inspect import inspect
@@ -134,14 +135,14 @@ def info(bag: Path, mapping: Path | None, dbc: Path | None) -> None:
 @click.group(invoke_without_command=True, cls=Commands)
 @click.pass_context
 def datasets(context: click.Context) -> None:
-    """List the public recordings that the project knows; fetch them.
-
-    They are kept in the folder that VSENSE_DATA names, else in this user's cache.
+    """List and download public recordings.
 
     \b
     Examples:
       vsense datasets
       vsense datasets fetch genesis_oxts_can
+
+    They are stored in the folder that VSENSE_DATA names, by default in the cache of the user.
     """
     if context.invoked_subcommand is not None:
         return
@@ -156,7 +157,14 @@ def datasets(context: click.Context) -> None:
 @datasets.command()
 @click.argument("names", nargs=-1, metavar="[NAME]...")
 def fetch(names: tuple[str, ...]) -> None:
-    """Download what is missing and check it; without NAME all of them."""
+    """Download missing recordings and verify their checksums.
+
+    \b
+    Examples:
+      vsense datasets fetch genesis_oxts_can
+
+    Without NAME, all recordings are downloaded.
+    """
     from vsense_ros.bag import datasets as known
     from vsense_ros.evaluate.terminal import in_files, progress
 

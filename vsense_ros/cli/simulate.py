@@ -9,29 +9,42 @@ import click
 from vsense_ros.cli.common import load_car, vehicle_option, warn
 
 
-@click.command()
+class ListsManoeuvres(click.Command):
+    """A command whose help lists manoeuvres and GNSS receivers."""
+
+    def format_epilog(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
+        from vsense_ros.manoeuvre import MANOEUVRES
+        from vsense_ros.manoeuvre.receivers import RECEIVERS
+
+        for heading, names in (("Manoeuvres", MANOEUVRES), ("Receivers", RECEIVERS)):
+            with formatter.section(heading):
+                formatter.write_text(", ".join(names))
+
+
+@click.command(cls=ListsManoeuvres)
 @click.argument("manoeuvre")
 @vehicle_option
 @click.option("--out", required=True, type=click.Path(path_type=Path), metavar="BAG", help="Bag to write.")
-@click.option("--seed", type=click.IntRange(0, 2**32 - 1), default=0, show_default=True, help="Of the sensors' noise.")
 @click.option(
-    "--receiver", metavar="NAME", help="GNSS receiver in place of the vehicle's: survey, mapping, consumer, …"
+    "--seed", type=click.IntRange(0, 2**32 - 1), default=0, show_default=True, help="Seed of the sensor noise."
 )
-@click.option("--gnss-rate", type=float, metavar="HZ", help="Fixes a second, 0.1 to 100.")
-@click.option("--overwrite", is_flag=True, help="Replace a bag that stands at BAG.")
+@click.option("--receiver", metavar="NAME", help="Use this GNSS receiver instead of that of the vehicle file.")
+@click.option("--gnss-rate", type=float, metavar="HZ", help="GNSS fixes per second, 0.1 to 100.")
+@click.option("--overwrite", is_flag=True, help="Replace an existing bag at BAG.")
 def simulate(
     manoeuvre: str, vehicle: str, out: Path, seed: int, receiver: str | None, gnss_rate: float | None, overwrite: bool
 ) -> None:
-    """Drive a MANOEUVRE with the 14-DOF car: what its sensors record, with the truth as reference.
-
-    On roads that are not flat (hills, banked_oval, hill) it is the car with all its bodies, if the vehicle file has
-    linkages. An unknown name lists those there are, of manoeuvres as of receivers.
+    """Simulate a MANOEUVRE, and record the sensors of the car.
 
     \b
     Examples:
       vsense simulate step_steer --vehicle prototype_real --out out/step_steer
       vsense run out/step_steer --vehicle prototype_model
       vsense simulate double_oval_25 --vehicle jaguar_saloon --receiver dg_100 --gnss-rate 1 --out out/oval
+
+    The bag contains the sensors of the vehicle file, and the true motion as reference. The car has 14 degrees of
+    freedom. On roads that are not flat (hills, banked_oval, hill) it is the car with all its bodies, if the vehicle
+    file describes its linkages.
     """
     from vsense_ros.bag import write_bag
     from vsense_ros.checks.inspect import inspect

@@ -22,18 +22,21 @@ from vsense_ros.cli.common import (
 @click.command(cls=HoldsOut)
 @click.argument("recordings", nargs=-1, required=True, type=EXISTING)
 @vehicle_option
-@click.option("--output", required=True, type=NEW_FILE, metavar="FILE", help="YAML.")
-@click.option("--hold-out", "held_out", metavar="RECORDING…", multiple=True, type=EXISTING, help="To judge by.")
-@click.option("--own-noise", is_flag=True, help="Tune what messages state about their noise, too, and ignore that.")
+@click.option("--output", required=True, type=NEW_FILE, metavar="FILE", help="Vehicle file to write.")
+@click.option(
+    "--hold-out", "held_out", metavar="RECORDING…", multiple=True, type=EXISTING, help="Recordings for validation."
+)
+@click.option("--own-noise", is_flag=True, help="Ignore the noise that messages state, and tune it, too.")
 def tune(recordings: tuple[Path, ...], vehicle: str, output: Path, held_out: tuple[Path, ...], own_noise: bool) -> None:
-    """Find the noise covariances of the observer under which RECORDINGS are likeliest.
-
-    Writes the vehicle file with them, comments kept, beside it a picture and all figures as JSON: how consistent the
-    filter is with its innovations before and after, and with the truth where there is one.
+    """Estimate the noise levels of sensors and model.
 
     \b
     Examples:
       vsense tune drive_1 drive_2 --hold-out drive_3 --vehicle my_car.yaml --output my_car_tuned.yaml
+
+    Maximises the likelihood of the recordings over the noise covariances of the observer. Writes the vehicle file with
+    the new values (comments are kept), a picture, and all figures as JSON: how consistent the filter is with its
+    innovations and, if there is a reference, with the truth, before and after.
     """
     from vsense_ros.bag.importers import import_recording
     from vsense_ros.evaluate.terminal import console, progress, say
@@ -61,21 +64,21 @@ def tune(recordings: tuple[Path, ...], vehicle: str, output: Path, held_out: tup
 @click.argument("recordings", nargs=-1, required=True, type=EXISTING)
 @vehicle_option
 @click.option("--calibrate", type=NEW_FILE, metavar="LIMITS", help="File to write the limits to.")
-@click.option("--limits", "limits_file", type=EXISTING, metavar="LIMITS", help="Limits to judge RECORDINGS by.")
+@click.option("--limits", "limits_file", type=EXISTING, metavar="LIMITS", help="Limits to check RECORDINGS against.")
 def monitor(recordings: tuple[Path, ...], vehicle: str, calibrate: Path | None, limits_file: Path | None) -> None:
-    """Watch whether the observer's model still fits: find out what is normal, or judge RECORDINGS.
-
-    Innovations of each sensor, generalized forces that the model lacks, and estimated errors are looked at over ten
-    seconds. With --calibrate, RECORDINGS are at least two drives with nothing wrong, as different as they come; what
-    they have, with a margin that each of them left out would have needed, becomes the limits. What one of them lacks
-    has none, and is reported. The observer node takes them as its parameter `monitor` and says in its diagnostics what
-    has left them, and since when.
+    """Check whether the observer's model still fits the car.
 
     \b
     Examples:
       vsense monitor monday tuesday --vehicle my_car.yaml --calibrate my_car.monitor.yaml
       vsense monitor friday --vehicle my_car.yaml --limits my_car.monitor.yaml
       ros2 run vsense_ros observer --ros-args -p vehicle:=my_car.yaml -p monitor:=my_car.monitor.yaml
+
+    The command averages the innovations of each sensor, the generalized forces that the model lacks, and the estimated
+    errors over ten seconds. With --calibrate, RECORDINGS are at least two drives without faults, as different as
+    possible. Their values become the limits, with the margin that each of them would have needed if it had been left
+    out. A quantity that one of them lacks gets no limit, and is reported. The observer node reads the limits through
+    its parameter `monitor`, and reports in its diagnostics what has left them, and since when.
     """
     if (calibrate is None) == (limits_file is None):
         raise click.UsageError("expected either --calibrate or --limits")
@@ -106,17 +109,12 @@ def monitor(recordings: tuple[Path, ...], vehicle: str, calibrate: Path | None, 
 
 
 @click.command()
-@click.option("--out", type=NEW_FILE, default=Path("out/faults.json"), show_default=True, help="File.")
-@click.option("--only", metavar="WORDS", default="", help="Only faults whose name has these words in it.")
-@click.option("--rows", type=click.IntRange(1), metavar="N", help="Instead: so many rows of the systematic table.")
+@click.option("--out", type=NEW_FILE, default=Path("out/faults.json"), show_default=True, help="File to write.")
+@click.option("--only", metavar="WORDS", default="", help="Only faults whose name contains these words.")
+@click.option("--rows", type=click.IntRange(1), metavar="N", help="Examine this many rows of the systematic table.")
 @click.option("--filter", "chosen", metavar="NAME", default="", help="Filter, as `vsense filters` lists them.")
 def faults(out: Path, only: str, rows: int | None, chosen: str) -> None:
-    """Let sensors fail, one way after the other, and look at what the observer makes of it, or another filter.
-
-    Jumps, drifts, frozen and absent axes of inertial sensors, GNSS that jumps, lies or is gone, on the generated bags
-    and the RAV4's drive. Takes about a minute. With --rows a part of some 2,500 rows: every part of every sensor, with
-    every kind of fault, for 0.3 s to the end, on a straight, in a bend, at a standstill and from the start; a row takes
-    some seconds.
+    """Simulate sensor faults and show their effect.
 
     \b
     Examples:
@@ -124,6 +122,11 @@ def faults(out: Path, only: str, rows: int | None, chosen: str) -> None:
       vsense faults --only gyro
       vsense faults --rows 60 --only steering
       vsense faults --filter strapdown
+
+    Axes of inertial sensors jump, drift, freeze or disappear, and GNSS jumps, is wrong or is absent, on the generated
+    bags and on the drive of the RAV4. This takes about a minute. --rows examines a part of a systematic table of some
+    2,500 rows: every part of every sensor with every kind of fault, for 0.3 s and until the end, on a straight, in a
+    bend, at standstill and from the start. A row takes some seconds.
     """
     from vsense_ros.assess import faults as job
     from vsense_ros.errors import InputError

@@ -12,17 +12,18 @@ from vsense_ros.cli.common import EXISTING, NEW_FILE, NEW_FOLDER
 
 @click.command()
 @click.argument("files", nargs=-1, metavar="[FILE]...", type=EXISTING)
-@click.option("--out", type=NEW_FOLDER, default=Path("out/tyres"), show_default=True, help="Folder.")
-@click.option("--rig", is_flag=True, help="Draw besides what a rig measures: a plank pulled away below the tyre.")
+@click.option("--out", type=NEW_FOLDER, default=Path("out/tyres"), show_default=True, help="Folder to write to.")
+@click.option("--rig", is_flag=True, help="Also draw a rig test: a plank pulled away below the tyre.")
 def tyres(files: tuple[Path, ...], out: Path, rig: bool) -> None:
-    """Draw tyres: force curves, friction ellipse, influence of load and inclination, lag.
-
-    FILE is a .tir file or YAML as in a vehicle file; without, all of config/tyres.
+    """Draw the force curves of tyres.
 
     \b
     Examples:
       vsense tyres --out docs/tyres
       vsense tyres my_tyre.tir --rig
+
+    The pictures show force curves, friction ellipse, the influence of load and inclination, and lag. FILE is a .tir
+    file, or YAML as in a vehicle file; without FILE, all tyres of config/tyres are drawn.
     """
     from vsense_ros.evaluate.tyre_picture import draw
     from vsense_ros.evaluate.tyre_rig import draw_rig
@@ -40,20 +41,21 @@ def tyres(files: tuple[Path, ...], out: Path, rig: bool) -> None:
 
 @click.command()
 @click.argument("vehicle", metavar="VEHICLE")
-@click.option("--output", type=NEW_FILE, metavar="FILE", help="Default: the vehicle file itself.")
-@click.option("--bump", default=0.06, show_default=True, help="Highest wheel centre [m] over its design position.")
-@click.option("--rebound", default=0.06, show_default=True, help="Lowest one below [m].")
-@click.option("--rack", default=0.04, show_default=True, help="Travel of the rack to either side [m].")
+@click.option("--output", type=NEW_FILE, metavar="FILE", help="File to write; default: the vehicle file itself.")
+@click.option("--bump", default=0.06, show_default=True, help="Bump travel of the wheel centre [m].")
+@click.option("--rebound", default=0.06, show_default=True, help="Rebound travel of the wheel centre [m].")
+@click.option("--rack", default=0.04, show_default=True, help="Rack travel to either side [m].")
 def suspension(vehicle: str, output: Path | None, bump: float, rebound: float, rack: float) -> None:
-    """Make kinematic tables of the suspension from the linkages of VEHICLE.
-
-    Wheel centre, camber, toe, caster and spring travel against wheel travel and steering, as polynomials in the section
-    `suspension` of the vehicle file. The car with 14 degrees of freedom then moves its wheels as the linkages do.
+    """Compute suspension tables from the linkages of VEHICLE.
 
     \b
     Examples:
       vsense suspension prototype_real
       vsense suspension my_car.yaml --output my_car_with_tables.yaml --bump 0.09
+
+    The tables state wheel centre, camber, toe, caster and spring travel as polynomials of wheel travel and steering.
+    They are written to the section `suspension` of the vehicle file. The car with 14 degrees of freedom then moves its
+    wheels as the linkages do.
     """
     from vsense_ros.evaluate.suspension_table import show
     from vsense_ros.evaluate.terminal import console, say, waiting
@@ -73,9 +75,9 @@ def suspension(vehicle: str, output: Path | None, bump: float, rebound: float, r
 
 
 @click.command()
-@click.option("--json", "as_json", is_flag=True, help="JSON schema instead of a Markdown table.")
+@click.option("--json", "as_json", is_flag=True, help="Print a JSON schema instead of a Markdown table.")
 def schema(as_json: bool) -> None:
-    """Print the parameters of a vehicle file: keys, units, ranges, defaults.
+    """Print the keys of a vehicle file: units, ranges, defaults.
 
     \b
     Examples:
@@ -89,18 +91,18 @@ def schema(as_json: bool) -> None:
 
 @click.command()
 @click.argument("vehicle", metavar="VEHICLE")
-@click.option("--output", type=NEW_FILE, metavar="FILE", help="Default: print it.")
-@click.option("--prefix", default="", metavar="TEXT", help="Before the name of every link, such as car1/.")
+@click.option("--output", type=NEW_FILE, metavar="FILE", help="File to write; default: print.")
+@click.option("--prefix", default="", metavar="TEXT", help="Prefix of the name of every link, such as car1/.")
 def urdf(vehicle: str, output: Path | None, prefix: str) -> None:
-    """Write VEHICLE as a URDF: its links and joints, for RViz, Foxglove, robot_state_publisher and tf2.
-
-    base_link is the middle of the rear axle on the ground. The observer node publishes the same text on
-    robot_description.
+    """Write the links and joints of VEHICLE as a URDF.
 
     \b
     Examples:
       vsense urdf rav4 --output rav4.urdf
       vsense urdf rav4 --prefix car1/
+
+    The file is for RViz, Foxglove, robot_state_publisher and tf2. base_link is the middle of the rear axle on the
+    ground. The observer node publishes the same text on robot_description.
     """
     from vsense_ros.cli.common import load_car
     from vsense_ros.evaluate.terminal import say
@@ -119,18 +121,21 @@ def urdf(vehicle: str, output: Path | None, prefix: str) -> None:
 @click.command("compile")
 @click.argument("vehicles", nargs=-1, required=True, metavar="VEHICLE...")
 @click.option(
-    "--filter", "chosen", metavar="NAME", help="As `vsense filters` lists them; default: the observer node's."
+    "--filter",
+    "chosen",
+    metavar="NAME",
+    help="Filter, as `vsense filters` lists them; default: that of the observer node.",
 )
 def compile_models(vehicles: tuple[str, ...], chosen: str | None) -> None:
-    """Compile the models of VEHICLE ahead, so that its observer starts at once.
-
-    What is compiled is kept in the user's cache folder, or in that which VSENSE_CACHE names, by content: after a change
-    of the vehicle file, of this package or of the processor it is compiled anew.
+    """Compile the models of VEHICLE in advance.
 
     \b
     Examples:
       vsense compile rav4
       vsense compile my_car.yaml --filter ukf
+
+    The observer then starts at once. Compiled models are kept in the cache folder of the user, or in the folder that
+    VSENSE_CACHE names. They are compiled again if the vehicle file, this package or the processor changes.
     """
     import time
 

@@ -11,14 +11,18 @@ from vsense_ros.cli.common import EXISTING, NEW_FILE, VEHICLE_HELP, load_car
 
 @click.command()
 @click.argument("bags", type=EXISTING, nargs=-1, metavar="[BAG]...")
-@click.option("--vehicle", metavar="FILE", help=f"{VEHICLE_HELP} For frames, the car's shape and friction circles.")
+@click.option(
+    "--vehicle", metavar="FILE", help=f"For frames, the shape of the car and friction circles. {VEHICLE_HELP}"
+)
 @click.option(
     "--host", default="127.0.0.1", show_default=True, help="Address to serve at; beyond this machine: 0.0.0.0."
 )
-@click.option("--port", default=8765, show_default=True, type=click.IntRange(0, 65535), help="0: any that is free.")
-@click.option("--loop", is_flag=True, help="Begin again at the end, for viewers without a time line.")
-@click.option("--namespace", default="", metavar="NAME", help="Of the live topics.")
-@click.option("--layout", type=NEW_FILE, metavar="FILE", help="Write the layout to FILE, and end.")
+@click.option(
+    "--port", default=8765, show_default=True, type=click.IntRange(0, 65535), help="TCP port; 0: any free port."
+)
+@click.option("--loop", is_flag=True, help="Repeat, for viewers without a time line.")
+@click.option("--namespace", default="", metavar="NAME", help="Namespace of the live topics.")
+@click.option("--layout", type=NEW_FILE, metavar="FILE", help="Write the layout to FILE, and exit.")
 def view(
     bags: tuple[Path, ...],
     vehicle: str | None,
@@ -28,17 +32,17 @@ def view(
     namespace: str,
     layout: Path | None,
 ) -> None:
-    """Show BAG, or what is published now, in Foxglove.
-
-    Without BAG the topics of ROS are served as the node `viewer` hears them. Several bags of one drive are shown
-    together, such as a recording and what `vsense run` made of it. Foxglove runs in a browser or as an application of
-    its own; the layout (path, side slip, tyres with their friction circles, diagnostics) is imported there once.
+    """Show BAG, or the topics that are published now, in Foxglove.
 
     \b
     Examples:
       vsense view bags/double_lane_change out/run/double_lane_change/output --vehicle prototype_model
       vsense view --layout vsense_layout.json
       vsense view --vehicle rav4
+
+    Without BAG, the topics of ROS are served, as by the node `viewer`. Several bags of one drive are shown together,
+    such as a recording and the output of `vsense run`. Foxglove runs in a browser or as an application. Import the
+    layout (path, side slip, tyres with their friction circles, diagnostics) there once.
     """
     import shutil
     import subprocess

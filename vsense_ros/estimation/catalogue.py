@@ -7,12 +7,14 @@ from dataclasses import dataclass, field
 from difflib import get_close_matches
 from typing import Any
 
-from rich import box
+from rich.console import Group
 from rich.table import Table
 from rich.text import Text
 
 from vsense_ros.errors import InputError
 from vsense_ros.estimation.state_space import Measurement, StateSpace
+
+_WIDEST = 68  # columns of text, as wide as is read with ease
 
 
 @dataclass(frozen=True)
@@ -86,13 +88,22 @@ class Catalogue:
         return found
 
 
-def table(families: Iterable[FilterFamily]) -> Table:
-    """For the terminal."""
-    found = Table(box=box.SIMPLE_HEAD, show_lines=True)
-    for heading in ("name", "what it is", "states", "inputs", "sensors", "take it"):
-        found.add_column(heading, overflow="fold")
-    for one in families:
-        lists = (", ".join(part) for part in (one.states, one.inputs, one.sensors))
-        when = one.when if one.recommended else f"of the literature, not for use: {one.when}"
-        found.add_row(Text(one.name, style="bold"), one.title, *lists, when)
-    return found
+def described(families: Iterable[FilterFamily]) -> Group:
+    """The filters for a terminal of any width: for each its name and title, when to use it, and what it works with."""
+    return Group(*(part for one in families for part in _described(one)))
+
+
+def _described(one: FilterFamily) -> tuple[Text, Table]:
+    when = one.when if one.recommended else f"of the literature, for comparison only: {one.when}"
+    lines = Table(box=None, show_header=False, pad_edge=False, padding=(0, 1))
+    lines.add_column(style="dim", width=10)
+    lines.add_column(overflow="fold", max_width=_WIDEST)
+    for heading, content in (
+        ("  what", one.title),
+        ("  use it", when),
+        ("  sensors", ", ".join(one.sensors)),
+        ("  inputs", ", ".join(one.inputs)),
+        ("  states", ", ".join(one.states)),
+    ):
+        lines.add_row(heading, content)
+    return Text(f"\n{one.name}", style="bold"), lines
