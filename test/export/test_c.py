@@ -209,6 +209,48 @@ def test_the_example_rolls_on_at_its_speed_and_carries_the_cars_weight(
 # The observer in C
 
 
+_TWO_CARS = """
+#include <stdio.h>
+#include "small.h"
+#include "large.h"
+static double acceleration[14], wheels[SMALL_OUTPUTS * 4];
+static void weigh(const double *forces) {
+    printf("%.3f ", forces[0] + forces[1] + forces[2] + forces[3]);
+}
+int main(void) {
+    static small s;
+    static large l;
+    small_init(&s, 15); large_init(&l, 15);
+    small_linearize(&s); large_linearize(&l);
+    small_present(&s, acceleration, wheels); weigh(&wheels[4 * SMALL_FORCE_Z]);
+    large_present(&l, acceleration, wheels); weigh(&wheels[4 * LARGE_FORCE_Z]);
+    return 0;
+}
+"""
+
+
+@pytest.mark.slow
+def test_two_cars_in_one_program_each_carry_their_own_weight(vehicle: Vehicle, tmp_path: Path) -> None:
+    cars = {"small": vehicle, "large": vehicle.with_parameters({"chassis.mass": 1.5 * vehicle.physics.chassis.mass})}
+    (tmp_path / "two.c").write_text(_TWO_CARS)
+    parts = [tmp_path / "two.c"]
+    for name, car in cars.items():
+        c.write(car, tmp_path / name, prefix=name)
+        parts.append(tmp_path / name / f"{name}.c")
+    command = [codegen.compiler() or "", "-O0", *(f"-I{tmp_path / name}" for name in cars), *map(str, parts)]
+    subprocess.run([*command, "-o", str(tmp_path / "two"), "-lm"], check=True)
+    printed = subprocess.run([str(tmp_path / "two")], capture_output=True, check=True).stdout.split()
+    weights = [9.80665 * car.physics.chassis.mass for car in cars.values()]
+    assert [float(weight) for weight in printed] == pytest.approx(weights, rel=0.01)
+
+
+@pytest.mark.parametrize("prefix", ["", "Car", "9a", "a__b", "car-a", "../car", "a_"])
+def test_a_prefix_that_c_does_not_take_is_refused(vehicle: Vehicle, tmp_path: Path, prefix: str) -> None:
+    with pytest.raises(InputError, match="--prefix"):
+        c.write(vehicle, tmp_path / "out", prefix=prefix)
+    assert not (tmp_path / "out").exists()
+
+
 def test_it_starts_as_the_one_in_python_does(vehicle: Vehicle, library: ctypes.CDLL) -> None:
     ours, theirs = error_ekf(vehicle, sensors_of(vehicle)), check.Exported(vehicle, library)
     ours.start_rolling(17.0)

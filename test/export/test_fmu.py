@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import dataclasses
+import shutil
 import subprocess
 import sys
+import zipfile
 from pathlib import Path
 
 import numpy as np
@@ -118,6 +120,19 @@ def test_two_instances_do_not_know_each_other(
         assert np.array_equal(found, truth)
     for unit in (alone, one, other):
         unit.close()
+
+
+def test_of_a_binary_only_the_functions_of_fmi_are_visible(units: dict[int, Path], tmp_path: Path) -> None:
+    if shutil.which("nm") is None:
+        pytest.skip("nm is not installed here")
+    for version, path in units.items():
+        with zipfile.ZipFile(path) as archive:
+            (binary,) = (name for name in archive.namelist() if name.endswith(".so"))
+            archive.extract(binary, tmp_path)
+        printed = subprocess.run(["nm", "-D", "--defined-only", str(tmp_path / binary)], capture_output=True, text=True)
+        names = {line.split()[-1] for line in printed.stdout.splitlines()}
+        assert f"fmi{version}DoStep" in names
+        assert all(name.startswith(f"fmi{version}") for name in names)
 
 
 @pytest.mark.parametrize("version", exam_except(fmu.VERSIONS, 3))

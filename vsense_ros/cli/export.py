@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import TYPE_CHECKING
 
 import click
@@ -41,9 +42,22 @@ def export() -> None:
     help="error_ekf, spi, or a GNSS/INS filter, as `vsense filters` lists them; default: as VEHICLE says.",
 )
 @click.option("--float32", "single", is_flag=True, help="Use single precision.")
+@click.option(
+    "--prefix",
+    default="vsense",
+    show_default=True,
+    metavar="NAME",
+    help="First part of all names of files, types and functions; give each export in a program its own.",
+)
 @click.option("--check", metavar="BAG", type=EXISTING, help="Compile, and compare with the Python observer on BAG.")
 def export_c(
-    vehicle: str, output: Path, sensors: tuple[str, ...], chosen: str | None, single: bool, check: Path | None
+    vehicle: str,
+    output: Path,
+    sensors: tuple[str, ...],
+    chosen: str | None,
+    single: bool,
+    prefix: str,
+    check: Path | None,
 ) -> None:
     """Write the observer of VEHICLE as C99.
 
@@ -59,7 +73,7 @@ def export_c(
 
     --check makes the same calls to both observers on a recording and prints the largest difference. Size and time of a
     step of errorEKF or SPI are written to the README of the sources. With --float32, the result is also compared with
-    double precision.
+    double precision. --check always compiles the names that begin with vsense; another prefix changes nothing else.
     """
     from vsense_ros.evaluate.terminal import console, progress, say, waiting
     from vsense_ros.export import c
@@ -72,13 +86,13 @@ def export_c(
     if chosen in OF_NAVIGATION.names:
         if single:
             raise click.UsageError(f"--filter {chosen}: --float32 is for error_ekf and spi")
-        _export_filter(car, str(chosen), output, check)
+        _export_filter(car, str(chosen), output, prefix, check)
         return
     if chosen is not None:
         car = c.with_filter(car, chosen)
     warn(left_out_of_observer(car))
     with waiting("writing C"):
-        files = c.write(car, output, single=single)
+        files = c.write(car, output, single=single, prefix=prefix)
     say(f"Written to {output}: {', '.join(file.name for file in files)}.")
     if check is None:
         return
@@ -95,30 +109,34 @@ def export_c(
         for name, unit, largest, size in apart:
             say(f"{name}: at most {largest:.2g} {unit} from double precision, of up to {size:.2g}.")
         return
-    with waiting("compiling C"):
-        library = checking.build(output)
-    with progress("comparing") as done:
-        difference = checking.compare(car, library, recording, done)
-    for line in difference.in_words():
-        console().print(line, soft_wrap=True)
-    with waiting("measuring"):
-        c.write(car, output, measure(output))
+    with TemporaryDirectory() as place:
+        with waiting("compiling C"):
+            c.write(car, Path(place))
+            library = checking.build(Path(place))
+        with progress("comparing") as done:
+            difference = checking.compare(car, library, recording, done)
+        for line in difference.in_words():
+            console().print(line, soft_wrap=True)
+        with waiting("measuring"):
+            measured = measure(Path(place))
+    c.write(car, output, measured, prefix=prefix)
     say(f"Size and time of a step: {output / 'README.md'}.")
 
 
-def _export_filter(car: Vehicle, name: str, output: Path, check: Path | None) -> None:
+def _export_filter(car: Vehicle, name: str, output: Path, prefix: str, check: Path | None) -> None:
     """A filter of the GNSS/INS family as C, compared on a recording where there is one."""
     from vsense_ros.bag.importers import import_recording
     from vsense_ros.evaluate.terminal import console, progress, say, waiting
     from vsense_ros.export import filters, filters_check
 
     with waiting("writing C"):
-        written = filters.write(car, name, output)
+        written = filters.write(car, name, output, prefix)
     say(f"Written to {output}: {', '.join(file.name for file in written)}.")
     if check is None:
         return
-    with progress("comparing") as done:
-        difference = filters_check.compare(car, name, output, import_recording(check), done)
+    with TemporaryDirectory() as place, progress("comparing") as done:
+        filters.write(car, name, Path(place))
+        difference = filters_check.compare(car, name, Path(place), import_recording(check), done)
     for line in difference.in_words():
         console().print(line, soft_wrap=True)
 

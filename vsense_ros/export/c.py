@@ -17,7 +17,15 @@ from vsense_ros.errors import InputError
 from vsense_ros.estimation.filter import largest_nis
 from vsense_ros.estimation.reading import Map
 from vsense_ros.export.entries import FIELDS, INPUT_ENTRIES, STATE_ENTRIES, Entry
-from vsense_ros.export.sources import identifier, in_single_precision, packaged, templates, write_all
+from vsense_ros.export.sources import (
+    PREFIX,
+    identifier,
+    in_single_precision,
+    packaged,
+    require_prefix,
+    templates,
+    write_all,
+)
 from vsense_ros.files.names import harmless
 from vsense_ros.model.car import steps
 from vsense_ros.model.car.car import Car, car_of
@@ -180,13 +188,19 @@ def with_filter(vehicle: Vehicle, name: str) -> Vehicle:
 
 
 def write(
-    vehicle: Vehicle, folder: Path, measured: dict[str, str] | None = None, *, single: bool = False
+    vehicle: Vehicle,
+    folder: Path,
+    measured: dict[str, str] | None = None,
+    *,
+    single: bool = False,
+    prefix: str = PREFIX,
 ) -> list[Path]:
     """Write the sources into `folder`, which is made where it is missing; returns the files.
 
     `measured` are the figures for the README, as `measuring.measure` returns them. With `single` every number is
-    binary32.
+    binary32. Names of files, types and functions begin with `prefix`. Raises `InputError` where names in C cannot.
     """
+    require_prefix(prefix)
     contents = Contents(Observer.of(vehicle))
     environment = templates()
     values = contents.values() | {"measured": measured}
@@ -195,7 +209,7 @@ def write(
     texts["model.c"] = contents.model()
     if single:
         texts = {name: text if name == "Makefile" else in_single_precision(text) for name, text in texts.items()}
-    return write_all(folder, texts)
+    return write_all(folder, texts, prefix)
 
 
 _TEMPLATES = ("vsense.h", "vsense.c", "example.c", "Makefile", "README.md")

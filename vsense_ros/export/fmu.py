@@ -37,7 +37,9 @@ FIRST_INTEGER = 900000
 START_SPEED = 20.0  # [m/s] where nothing else is set
 PLANT_STEP = 0.002  # [s] longest step of a plant
 OPTIMISED = "-O3"
-FLAGS = ("-std=c99", "-Wall", "-Wextra")
+# Only the functions of FMI are visible: with the others, too, a second car in the same process would compute with the
+# functions of the first, where the master loads libraries globally (RTLD_GLOBAL).
+FLAGS = ("-std=c99", "-Wall", "-Wextra", "-fvisibility=hidden")
 _WHEEL_ROWS = (
     ("force_x", "N"), ("force_y", "N"), ("force_z", "N"), ("moment", "N m"), ("slip", "-"), ("angle", "rad"),
     ("camber", "rad"),

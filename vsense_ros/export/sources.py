@@ -13,6 +13,7 @@ import jinja2
 from vsense_ros import codegen
 from vsense_ros.errors import InputError
 
+PREFIX = "vsense"  # of every name that other sources see
 _PLAIN = str.maketrans({"²": "^2", "³": "^3", "°": "deg", "µ": "u", "·": " ", "×": "x", "–": "-", "…": "..."})
 _MATHEMATICS = (
     "sqrt|sin|cos|tan|asin|acos|atan|atan2|sinh|cosh|tanh|asinh|acosh|atanh|exp|log|pow|fabs|fmin|fmax|fmod|copysign|"
@@ -56,8 +57,28 @@ def packaged(files: Iterable[str]) -> dict[str, str]:
     return {Path(file).name: package.joinpath(file).read_text(encoding="utf-8") for file in files}
 
 
-def write_all(folder: Path, texts: Mapping[str, str]) -> list[Path]:
-    """Write texts into a folder, which is made where it is missing; returns the files."""
+def require_prefix(prefix: str) -> None:
+    """Raise `InputError` where names in C cannot begin with this."""
+    if not re.fullmatch(r"[a-z][a-z0-9]*(_[a-z0-9]+)*", prefix):
+        raise InputError(
+            f"--prefix {prefix}: expected small letters, digits and single underscores, beginning with a letter, as "
+            "car_a; names of files, types and functions begin with it"
+        )
+
+
+def _renamed(text: str, prefix: str) -> str:
+    """The text with names that begin with `prefix` in place of `vsense`; the command of that name stays."""
+    text = re.sub(r"\bvsense(?=_|\b)(?! export)", prefix, text)
+    return re.sub(r"\bVSENSE(?=_|\b)", prefix.upper(), text)
+
+
+def write_all(folder: Path, texts: Mapping[str, str], prefix: str = PREFIX) -> list[Path]:
+    """Write texts into a folder, which is made where it is missing; returns the files.
+
+    A program may contain several exports with a `prefix` each: whatever a linker or another file sees begins with it.
+    """
+    if prefix != PREFIX:
+        texts = {_renamed(name, prefix): _renamed(text, prefix) for name, text in texts.items()}
     folder.mkdir(parents=True, exist_ok=True)
     for name, text in texts.items():
         (folder / name).write_text(text if name.endswith(".md") else plain(text), encoding="utf-8")
