@@ -9,7 +9,7 @@ PACKAGE = "vsense_ros"
 ROOT = Path(__file__).parent
 
 
-EXTRAS = ("explain", "fleet", "fmu", "formats", "foxglove", "reports", "all")  # each a file in requirements/
+EXTRAS = ("explain", "fleet", "fmu", "formats", "foxglove", "reports", "tables", "all")  # each a file in requirements/
 
 
 def requirement_names(file: str) -> list[str]:

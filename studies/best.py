@@ -23,11 +23,20 @@ from studies.best_twin import Twin
 from vsense_ros.estimation.filter import Array
 from vsense_ros.evaluate.terminal import plain_table
 from vsense_ros.files.atomic import atomic_write
-from vsense_ros.identify import best
-from vsense_ros.identify.information import Information, Refusal, information, refusals
-from vsense_ros.identify.open_loop import OpenLoop
-from vsense_ros.identify.progress import Progress
-from vsense_ros.identify.rinsing import RINSING, Drive, Identifier, Kind, Literal2016, Rinsed, literal_noise, rinse
+from vsense_ros.identification import best
+from vsense_ros.identification.information import Information, Refusal, information, refusals
+from vsense_ros.identification.open_loop import OpenLoop
+from vsense_ros.identification.progress import Progress
+from vsense_ros.identification.rinsing import (
+    RINSING,
+    Drive,
+    Identifier,
+    Kind,
+    Literal2016,
+    Rinsed,
+    literal_noise,
+    rinse,
+)
 from vsense_ros.model.handling import best_4dof
 from vsense_ros.model.handling.best_4dof import PAPER, REACH, SYMBOLS, Best4Dof
 

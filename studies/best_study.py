@@ -21,12 +21,12 @@ from studies.best import FREE, SECONDS, TRUTH, curve_errors, wrong_start
 from vsense_ros.estimation.filter import Array
 from vsense_ros.evaluate.terminal import plain_table
 from vsense_ros.files.atomic import atomic_write
-from vsense_ros.identify import best
-from vsense_ros.identify.identification import AXLES, cornering_stiffness
-from vsense_ros.identify.information import Information, refusals, weigh
-from vsense_ros.identify.open_loop import OpenLoop
-from vsense_ros.identify.progress import Progress
-from vsense_ros.identify.rinsing import Drive, rinse
+from vsense_ros.identification import best
+from vsense_ros.identification.identification import AXLES, cornering_stiffness
+from vsense_ros.identification.information import Information, refusals, weigh
+from vsense_ros.identification.open_loop import OpenLoop
+from vsense_ros.identification.progress import Progress
+from vsense_ros.identification.rinsing import Drive, rinse
 from vsense_ros.model.handling import best_4dof
 from vsense_ros.model.handling.best_4dof import BOUNDS, PAPER, Best4Dof
 

@@ -17,7 +17,7 @@ import numpy as np
 from vsense_ros import codegen
 from vsense_ros.estimation.filter import Array
 from vsense_ros.estimation.state_space import Named, expression
-from vsense_ros.identify.rinsing import Drive, independent, low_passed
+from vsense_ros.identification.rinsing import Drive, independent, low_passed
 from vsense_ros.model.coordinates import WHEELS
 from vsense_ros.model.handling.best_4dof import PAPER, Best4Dof
 

@@ -22,9 +22,9 @@ from vsense_ros.evaluate import baselines
 from vsense_ros.evaluate.heading_transient import HeadingTransient, transient_of, without_transient
 from vsense_ros.evaluate.metrics import SignalScore, compare
 from vsense_ros.evaluate.reference import at_reference
-from vsense_ros.identify.free_parameter import FreeParameter, added, multiplied
-from vsense_ros.identify.progress import Progress, part
-from vsense_ros.identify.side_slip import SideSlipFit, fit_side_slip
+from vsense_ros.identification.free_parameter import FreeParameter, added, multiplied
+from vsense_ros.identification.progress import Progress, part
+from vsense_ros.identification.side_slip import SideSlipFit, fit_side_slip
 from vsense_ros.messages.recording import Recording
 from vsense_ros.mismatch.observed import fitted_place
 from vsense_ros.model.vehicle import Reference, Vehicle

@@ -10,8 +10,8 @@ from rich.console import Console
 from studies.coverage import coverage_table
 from studies.genesis import FREE_PARAMETERS, IDENTIFIED_FROM, Examination
 from vsense_ros.evaluate.terminal import plain_table
-from vsense_ros.identify.parameter_set import of_vehicle
-from vsense_ros.identify.side_slip import SideSlipFit
+from vsense_ros.identification.parameter_set import of_vehicle
+from vsense_ros.identification.side_slip import SideSlipFit
 from vsense_ros.model.vehicle import Vehicle
 
 

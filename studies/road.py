@@ -27,7 +27,7 @@ from vsense_ros.bag.importers import import_recording
 from vsense_ros.evaluate.balance import Balance
 from vsense_ros.files.installed import vehicle_path
 from vsense_ros.files.vehicle import load_vehicle
-from vsense_ros.identify.progress import Progress, part
+from vsense_ros.identification.progress import Progress, part
 from vsense_ros.manoeuvre import MANOEUVRES, drive
 from vsense_ros.manoeuvre.base import Manoeuvre
 from vsense_ros.manoeuvre.hills import weaving

@@ -15,7 +15,7 @@ from vsense_ros.cli import main
 from vsense_ros.errors import InputError
 from vsense_ros.files.installed import vehicle_path
 from vsense_ros.files.vehicle import load_vehicle
-from vsense_ros.identify.identification import identify
+from vsense_ros.identification.identification import identify
 from vsense_ros.manoeuvre import MANOEUVRES, drive
 from vsense_ros.manoeuvre.sensing import record
 from vsense_ros.messages.recording import Recording

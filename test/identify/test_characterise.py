@@ -14,8 +14,8 @@ from hypothesis import strategies as st
 from vsense_ros.cli import main
 from vsense_ros.errors import InputError
 from vsense_ros.files.vehicle import load_vehicle
-from vsense_ros.identify.characterise import Characteristics, Quantity, characterise, drive_tests, regression
-from vsense_ros.identify.drive_signals import DRIVE_SIGNALS, DriveSignals, of_recording
+from vsense_ros.identification.characterise import Characteristics, Quantity, characterise, drive_tests, regression
+from vsense_ros.identification.drive_signals import DRIVE_SIGNALS, DriveSignals, of_recording
 from vsense_ros.manoeuvre.leung_tracks import on_track
 from vsense_ros.manoeuvre.sensing import record
 from vsense_ros.manoeuvre.track import Track, left_turn, straight

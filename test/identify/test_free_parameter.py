@@ -7,8 +7,8 @@ import pytest
 
 from vsense_ros.files.installed import vehicle_path
 from vsense_ros.files.vehicle import load_vehicle
-from vsense_ros.identify.free_parameter import FreeParameter, added, multiplied, scaled, with_offsets
-from vsense_ros.identify.parameter_set import of_vehicle, with_values
+from vsense_ros.identification.free_parameter import FreeParameter, added, multiplied, scaled, with_offsets
+from vsense_ros.identification.parameter_set import of_vehicle, with_values
 from vsense_ros.mismatch.candidates import BASE
 from vsense_ros.model.vehicle import Vehicle
 

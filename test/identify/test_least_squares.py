@@ -11,8 +11,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.optimize import least_squares, minimize
 
-from vsense_ros.identify.free_parameter import FreeParameter, added
-from vsense_ros.identify.least_squares import (
+from vsense_ros.identification.free_parameter import FreeParameter, added
+from vsense_ros.identification.least_squares import (
     DivergedError,
     Fit,
     Settings,
@@ -23,7 +23,7 @@ from vsense_ros.identify.least_squares import (
     slopes_at,
     solve,
 )
-from vsense_ros.identify.parameter_set import ParameterSet
+from vsense_ros.identification.parameter_set import ParameterSet
 
 DEVIATIONS = {"mass": 0.1, "drag": 0.1, "rolling": 0.002}
 WEIGHT = 3.0  # of a free parameter that is one deviation off

@@ -13,11 +13,11 @@ from scipy.stats import multivariate_normal
 from vsense_ros.estimation.state_space import Named
 from vsense_ros.files.installed import vehicle_path
 from vsense_ros.files.vehicle import load_vehicle
-from vsense_ros.identify.identification import handling_identifier
-from vsense_ros.identify.likelihood import Likelihood
-from vsense_ros.identify.recorded import left_by, low_passed
-from vsense_ros.identify.rinsing import Drive, Identifier, Noise
-from vsense_ros.identify.sensor_errors import TIME_CONSTANTS, WithSensorErrors
+from vsense_ros.identification.identification import handling_identifier
+from vsense_ros.identification.likelihood import Likelihood
+from vsense_ros.identification.recorded import left_by, low_passed
+from vsense_ros.identification.rinsing import Drive, Identifier, Noise
+from vsense_ros.identification.sensor_errors import TIME_CONSTANTS, WithSensorErrors
 from vsense_ros.model.constants import GRAVITY
 from vsense_ros.model.handling.single_track import SingleTrack
 

@@ -22,9 +22,9 @@ from vsense_ros.estimation.innovations import Innovations
 from vsense_ros.evaluate.consistency import consistency, lag_1
 from vsense_ros.files.installed import shared_folder, vehicle_path
 from vsense_ros.files.vehicle import load_vehicle
-from vsense_ros.identify import noise
-from vsense_ros.identify.free_parameter import FreeParameter, multiplied
-from vsense_ros.identify.noise import NOISE, maximise, noise_numbers, with_own_noise
+from vsense_ros.identification import noise
+from vsense_ros.identification.free_parameter import FreeParameter, multiplied
+from vsense_ros.identification.noise import NOISE, maximise, noise_numbers, with_own_noise
 from vsense_ros.manoeuvre import generate
 from vsense_ros.messages.recording import Recording
 from vsense_ros.model.vehicle import Vehicle

@@ -8,9 +8,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 from numpy.testing import assert_allclose
 
-from vsense_ros.identify.free_parameter import FreeParameter, added
-from vsense_ros.identify.least_squares import Fit
-from vsense_ros.identify.parameter_set import ParameterSet
+from vsense_ros.identification.free_parameter import FreeParameter, added
+from vsense_ros.identification.least_squares import Fit
+from vsense_ros.identification.parameter_set import ParameterSet
 
 WEIGHT = 3.0  # of a free parameter that is one deviation off
 

@@ -12,12 +12,12 @@ from studies.best import FREE, HEIGHTS, TRUTH, curve_errors, wrong_start
 from vsense_ros.errors import InputError
 from vsense_ros.files.installed import vehicle_path
 from vsense_ros.files.vehicle import load_vehicle
-from vsense_ros.identify import best
-from vsense_ros.identify.identification import check_free
-from vsense_ros.identify.information import information, refusals
-from vsense_ros.identify.online import OnlineIdentification
-from vsense_ros.identify.open_loop import OpenLoop
-from vsense_ros.identify.rinsing import Drive, rinse
+from vsense_ros.identification import best
+from vsense_ros.identification.identification import check_free
+from vsense_ros.identification.information import information, refusals
+from vsense_ros.identification.online import OnlineIdentification
+from vsense_ros.identification.open_loop import OpenLoop
+from vsense_ros.identification.rinsing import Drive, rinse
 from vsense_ros.model.handling import best_4dof
 from vsense_ros.model.handling.best_4dof import PAPER, Best4Dof
 

@@ -10,12 +10,12 @@ from vsense_ros.bag import read_bag
 from vsense_ros.errors import InputError
 from vsense_ros.files.installed import shared_folder, vehicle_path
 from vsense_ros.files.vehicle import load_vehicle
-from vsense_ros.identify import side_slip
-from vsense_ros.identify.free_parameter import FreeParameter, added, multiplied, with_offsets
-from vsense_ros.identify.identification import identify
-from vsense_ros.identify.least_squares import DivergedError, cost
-from vsense_ros.identify.parameter_set import of_vehicle, with_values
-from vsense_ros.identify.side_slip import SideSlipResiduals, fit_side_slip, side_slip_error
+from vsense_ros.identification import side_slip
+from vsense_ros.identification.free_parameter import FreeParameter, added, multiplied, with_offsets
+from vsense_ros.identification.identification import identify
+from vsense_ros.identification.least_squares import DivergedError, cost
+from vsense_ros.identification.parameter_set import of_vehicle, with_values
+from vsense_ros.identification.side_slip import SideSlipResiduals, fit_side_slip, side_slip_error
 from vsense_ros.messages.recording import Recording
 from vsense_ros.model.vehicle import Vehicle
 

@@ -10,9 +10,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from vsense_ros.estimation.reading import Map
-from vsense_ros.identify.free_parameter import FreeParameter, added
-from vsense_ros.identify.least_squares import Fit
-from vsense_ros.identify.parameter_set import ParameterSet
+from vsense_ros.identification.free_parameter import FreeParameter, added
+from vsense_ros.identification.least_squares import Fit
+from vsense_ros.identification.parameter_set import ParameterSet
 from vsense_ros.mismatch.cross_validation import (
     by_pieces,
     by_stretches,

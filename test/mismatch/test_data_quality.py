@@ -13,8 +13,8 @@ from hidden import driven, prototype
 from vsense_ros.checks.finding import Scale
 from vsense_ros.checks.subject import Subject
 from vsense_ros.checks.units import rolling
-from vsense_ros.identify.least_squares import Fit
-from vsense_ros.identify.parameter_set import ParameterSet
+from vsense_ros.identification.least_squares import Fit
+from vsense_ros.identification.parameter_set import ParameterSet
 from vsense_ros.messages.recording import Channel, Recording
 from vsense_ros.mismatch.candidates import BASE
 from vsense_ros.mismatch.data_quality import hindrance, misfit

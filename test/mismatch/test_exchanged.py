@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 
 from hidden import driven, having, prototype
-from vsense_ros.identify.least_squares import fit
+from vsense_ros.identification.least_squares import fit
 from vsense_ros.mismatch.candidates import base_parameters, candidates
 from vsense_ros.mismatch.residuals import Residuals
 from vsense_ros.mismatch.search import Search

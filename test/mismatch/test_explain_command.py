@@ -11,9 +11,11 @@ import pytest
 from click.testing import CliRunner
 
 from hidden import driven, having, prototype, wrong
+from vsense_ros.api.recording import read
+from vsense_ros.api.stretch import Stretch, distinct_names
 from vsense_ros.bag import write_bag
 from vsense_ros.cli import main
-from vsense_ros.cli.common import STRETCH, Stretch, distinct_names, import_named
+from vsense_ros.cli.common import STRETCH
 from vsense_ros.errors import InputError
 from vsense_ros.files.vehicle import save_vehicle
 from vsense_ros.mismatch.explain import explain_recordings
@@ -96,7 +98,7 @@ def test_a_report_that_cannot_be_written_is_said_before_anything_is_searched(cal
 
 
 def test_recordings_that_are_called_alike_are_told_apart_by_their_folders():
-    names = distinct_names([Path("monday/lap"), Path("tuesday/lap.mcap"), Path("tuesday/other")])
+    names = distinct_names([Stretch(Path(path)) for path in ("monday/lap", "tuesday/lap.mcap", "tuesday/other")])
     assert names == {Path("monday/lap"): "monday/lap", Path("tuesday/lap.mcap"): "tuesday/lap.mcap"}
 
 
@@ -118,11 +120,11 @@ def test_a_recording_may_be_a_part_of_one(given, begin, end, tmp_path, monkeypat
 def test_of_a_part_of_a_recording_nothing_else_is_read(tmp_path):
     path = tmp_path / "slalom"
     write_bag(path, driven(prototype(), "slalom"))
-    (part,) = import_named([Stretch(path, 3.0, 9.0)], {})
+    part = read(Stretch(path, 3.0, 9.0))
     assert part.name == "slalom@3:9"
     assert part.duration == pytest.approx(6.0, abs=0.3)
     with pytest.raises(InputError, match="nothing was recorded then; slalom lasts from 0 to 13"):
-        import_named([Stretch(path, 100.0, None)], {})
+        read(f"{path}@100:")
 
 
 def test_what_would_mend_a_recording_is_told_and_done_when_the_user_agrees(tmp_path):

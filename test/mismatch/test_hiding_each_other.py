@@ -8,9 +8,9 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from vsense_ros.identify.free_parameter import FreeParameter, added
-from vsense_ros.identify.least_squares import fit
-from vsense_ros.identify.parameter_set import ParameterSet
+from vsense_ros.identification.free_parameter import FreeParameter, added
+from vsense_ros.identification.least_squares import fit
+from vsense_ros.identification.parameter_set import ParameterSet
 from vsense_ros.mismatch.candidates import Candidate
 from vsense_ros.mismatch.search import Search
 from vsense_ros.model.constants import GRAVITY

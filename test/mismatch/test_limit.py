@@ -12,8 +12,8 @@ from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
 from hidden import STEP, driven, having, prototype, wrong
-from vsense_ros.identify.free_parameter import FreeParameter, with_offsets
-from vsense_ros.identify.least_squares import Fit, Settings, fit, slope
+from vsense_ros.identification.free_parameter import FreeParameter, with_offsets
+from vsense_ros.identification.least_squares import Fit, Settings, fit, slope
 from vsense_ros.mismatch.candidates import base_parameters, candidates, out_of_reach
 from vsense_ros.mismatch.residuals import RESIDUALS, Residuals, tempered, untempered
 from vsense_ros.mismatch.search import Search

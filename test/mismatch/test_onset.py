@@ -10,9 +10,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.signal import lfilter
 
-from vsense_ros.identify.free_parameter import FreeParameter, added
-from vsense_ros.identify.least_squares import Fit
-from vsense_ros.identify.parameter_set import ParameterSet
+from vsense_ros.identification.free_parameter import FreeParameter, added
+from vsense_ros.identification.least_squares import Fit
+from vsense_ros.identification.parameter_set import ParameterSet
 from vsense_ros.mismatch.candidates import Candidate
 from vsense_ros.mismatch.onset import Onset, OnsetSearch, onset
 from vsense_ros.mismatch.residuals import Residuals

@@ -12,8 +12,8 @@ from hypothesis import strategies as st
 
 from hidden import driven, having, prototype, unheard, wrong
 from vsense_ros.files.vehicle import load_vehicle
-from vsense_ros.identify.least_squares import Fit
-from vsense_ros.identify.parameter_set import ParameterSet
+from vsense_ros.identification.least_squares import Fit
+from vsense_ros.identification.parameter_set import ParameterSet
 from vsense_ros.messages.recording import Recording
 from vsense_ros.mismatch import extension
 from vsense_ros.mismatch.answer_schema import read_answer

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from hidden import driven, having, prototype, silent, without
-from vsense_ros.identify.least_squares import fit
+from vsense_ros.identification.least_squares import fit
 from vsense_ros.mismatch.candidates import TORQUE_SHARES, UNKNOWN_TORQUES, base_parameters
 from vsense_ros.mismatch.residuals import Residuals
 from vsense_ros.mismatch.simulation import Predictor

@@ -11,9 +11,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from vsense_ros.identify.free_parameter import FreeParameter
-from vsense_ros.identify.least_squares import Fit
-from vsense_ros.identify.parameter_set import ParameterSet
+from vsense_ros.identification.free_parameter import FreeParameter
+from vsense_ros.identification.least_squares import Fit
+from vsense_ros.identification.parameter_set import ParameterSet
 from vsense_ros.mismatch.candidates import Candidate
 from vsense_ros.mismatch.confidence import confidence, interval
 from vsense_ros.mismatch.hypothesis import Hypothesis

@@ -104,5 +104,5 @@ def test_the_observer_node_imports_no_extension_by_itself() -> None:
     ended = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=60, cwd=ROOT)
     assert ended.returncode == 0, ended.stderr
     modules = ended.stdout.split()
-    unwanted = ("vsense_ros.accelerator", "vsense_ros.identify", "foxglove", "vsense_ros.node.observer_")
+    unwanted = ("vsense_ros.accelerator", "vsense_ros.identification", "foxglove", "vsense_ros.node.observer_")
     assert not [name for name in modules if name.startswith(unwanted)]

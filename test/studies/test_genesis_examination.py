@@ -8,8 +8,8 @@ from studies import genesis as job
 from vsense_ros.bag import datasets
 from vsense_ros.files.installed import vehicle_path
 from vsense_ros.files.vehicle import load_vehicle
-from vsense_ros.identify.parameter_set import of_vehicle, with_values
-from vsense_ros.identify.side_slip import SideSlipFit
+from vsense_ros.identification.parameter_set import of_vehicle, with_values
+from vsense_ros.identification.side_slip import SideSlipFit
 
 EXTENDED = Path(__file__).parents[2] / "docs/examples/genesis/vehicle.extended.yaml"
 

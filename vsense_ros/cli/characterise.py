@@ -6,7 +6,7 @@ from pathlib import Path
 
 import click
 
-from vsense_ros.cli.common import VEHICLE_HELP, distinct_names, import_named, load_car, warn
+from vsense_ros.cli.common import VEHICLE_HELP, load_car, warn
 
 
 @click.command()
@@ -32,12 +32,13 @@ def characterise(car_or_recordings: tuple[str, ...], vehicle: str | None, out: P
     with the reason. The standard deviations include slow errors, but not systematic ones: the bank of a road looks like
     roll to an accelerometer.
     """
+    from vsense_ros.api.recording import read_each
     from vsense_ros.errors import InputError
     from vsense_ros.evaluate.terminal import console, progress, say
     from vsense_ros.files.installed import shared_folder
-    from vsense_ros.identify import characterise as job
-    from vsense_ros.identify import characterise_report as report
-    from vsense_ros.identify.drive_signals import of_recording
+    from vsense_ros.identification import characterise as job
+    from vsense_ros.identification import characterise_report as report
+    from vsense_ros.identification.drive_signals import of_recording
     from vsense_ros.model.vehicle import left_out_of_simulation
 
     folder = shared_folder("config") / "vehicles"
@@ -59,7 +60,7 @@ def characterise(car_or_recordings: tuple[str, ...], vehicle: str | None, out: P
                 raise InputError(f"{path}: neither a recording nor a vehicle file, nor the name of one in {folder}")
         with progress("reading") as done:
             drives = []
-            for i, recording in enumerate(import_named(paths, distinct_names(paths))):
+            for i, recording in enumerate(read_each(paths)):
                 drives.append(of_recording(recording, car))
                 done((i + 1) / len(paths))
         title = ", ".join(drive.name for drive in drives)

@@ -3,21 +3,18 @@
 from __future__ import annotations
 
 import json
-from collections import Counter
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import click
 
+from vsense_ros.api.stretch import Stretch
 from vsense_ros.errors import InputError
 from vsense_ros.extras import explained
 from vsense_ros.files.names import printable
 
 if TYPE_CHECKING:  # at run time it would load the whole model before the first line of help
     from vsense_ros.estimation.catalogue import Catalogue
-    from vsense_ros.messages.recording import Recording
     from vsense_ros.model.vehicle import Vehicle
 
 FAULT = 2  # exit code for input that cannot be used, as for a wrong option
@@ -29,27 +26,6 @@ VEHICLE_HELP = "Vehicle file, or the name of one in config/vehicles (genesis, ra
 vehicle_option = click.option("--vehicle", required=True, metavar="FILE", help=VEHICLE_HELP)
 
 
-@dataclass(frozen=True)
-class Stretch:
-    """A recording, or the part of it from one time to another [s since its first stamp]."""
-
-    path: Path
-    begin: float | None = None
-    end: float | None = None
-
-    @property
-    def name(self) -> str:
-        """Name of the file."""
-        return self.path.name
-
-    @property
-    def limits(self) -> str:
-        """Limits as a user writes them behind the path, such as `@207:310`; empty for the whole recording."""
-        if self.begin is None and self.end is None:
-            return ""
-        return f"@{'' if self.begin is None else f'{self.begin:g}'}:{'' if self.end is None else f'{self.end:g}'}"
-
-
 class StretchType(click.ParamType):
     """`recording`, or `recording@from:to` in seconds since its first stamp; either may be left out."""
 
@@ -58,19 +34,12 @@ class StretchType(click.ParamType):
     def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Stretch:
         if isinstance(value, Stretch):
             return value
-        if Path(value).exists():
-            return Stretch(Path(value))
-        path, at, limits = str(value).rpartition("@")
-        begin, colon, end = limits.partition(":")
-        if not at or not colon:
-            return Stretch(EXISTING.convert(value, param, ctx))
         try:
-            first, last = (float(text) if text else None for text in (begin, end))
-        except ValueError:
-            self.fail(f"{value}: expected recording@from:to in seconds, found {limits!r}", param, ctx)
-        if first is not None and last is not None and first >= last:
-            self.fail(f"{value}: it ends before it begins", param, ctx)
-        return Stretch(EXISTING.convert(path, param, ctx), first, last)
+            found = Stretch.parse(value)
+        except InputError as error:
+            self.fail(str(error), param, ctx)
+        EXISTING.convert(str(found.path), param, ctx)
+        return found
 
 
 STRETCH = StretchType()
@@ -150,37 +119,11 @@ def warn(text: str) -> None:
         click.echo(f"warning: {printable(text)}", err=True)
 
 
-def distinct_names(paths: Sequence[Path | Stretch]) -> dict[Path, str]:
-    """Names that begin with the folder, for recordings whose names are the same without it."""
-    files = [one.path if isinstance(one, Stretch) else one for one in paths]
-    alike = Counter(path.stem for path in {path.resolve() for path in files})
-    return {path: f"{path.resolve().parent.name}/{path.name}" for path in files if alike[path.resolve().stem] > 1}
-
-
-def import_named(paths: Sequence[Path | Stretch], names: Mapping[Path, str]) -> list[Recording]:
-    """The recordings of any known format, or the parts of them, with the names that are given for their paths. Raises
-    `InputError` where nothing was recorded in such a part."""
-    from vsense_ros.bag.importers import import_recording
-
-    recordings = []
-    for one in (path if isinstance(path, Stretch) else Stretch(path) for path in paths):
-        recording = import_recording(one.path)
-        name = names.get(one.path, recording.name) + one.limits
-        part = recording.between(one.begin, one.end) if one.limits else recording
-        if not part.channels:
-            raise InputError(
-                f"{name}: nothing was recorded then; {one.path.name} lasts from 0 to {recording.duration:.1f} s"
-            )
-        recordings.append(replace(part, name=name))
-    return recordings
-
-
 def load_car(vehicle: str) -> Vehicle:
     """The vehicle of a file, or of a name in config/vehicles."""
-    from vsense_ros.files.installed import vehicle_path
-    from vsense_ros.files.vehicle import load_vehicle
+    from vsense_ros.api.vehicle import load_vehicle
 
-    return load_vehicle(vehicle_path(vehicle))
+    return load_vehicle(vehicle)
 
 
 def every_filter() -> Catalogue:

@@ -6,18 +6,8 @@ from pathlib import Path
 
 import click
 
-from vsense_ros.cli.common import (
-    EXISTING,
-    NEW_FOLDER,
-    STRETCH,
-    VEHICLE_HELP,
-    HoldsOut,
-    Stretch,
-    distinct_names,
-    import_named,
-    load_car,
-    warn,
-)
+from vsense_ros.api.stretch import Stretch
+from vsense_ros.cli.common import EXISTING, NEW_FOLDER, STRETCH, VEHICLE_HELP, HoldsOut, load_car, warn
 
 
 @click.command(cls=HoldsOut)
@@ -144,28 +134,23 @@ def _explain(
     report: Path,
 ) -> str:
     """Explain recordings, write and print the answer, and return its verdict."""
+    from vsense_ros.api.explanation import explain as explained
     from vsense_ros.evaluate.terminal import console, progress, say
-    from vsense_ros.messages.laps import laps
-    from vsense_ros.mismatch.explain import STAGES, explain_recordings
     from vsense_ros.mismatch.terminal import printed
 
     car = load_car(vehicle)
     report.mkdir(parents=True, exist_ok=True)  # what cannot be written is said before it is searched for
-    names = distinct_names([*recordings, *held_out])
-    train, proof = (import_named(paths, names) for paths in (recordings, held_out))
-    if by_lap:
-        train, proof = ([lap for one in every for lap in laps(one)] for every in (train, proof))
     with progress("searching") as done:
-        steps = iter(range(STAGES))
-        explanation = explain_recordings(
-            train,
+        explanation = explained(
+            recordings,
             car,
-            proof,
-            assume,
-            ablation,
-            lambda: done(min(1.0, (next(steps, STAGES) + 1) / STAGES)),
+            hold_out=held_out,
+            assume=assume,
+            ablation=ablation,
+            by_lap=by_lap,
             mend=mend,
             observe=observe,
+            progress=done,
         )
     explanation.write(report)
     printed(explanation.answer, console())

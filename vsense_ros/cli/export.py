@@ -195,4 +195,41 @@ def export_fmu(
         console().print(line, soft_wrap=True)
 
 
-COMMANDS = (export,)
+@click.command("export-results")
+@click.argument("source", type=EXISTING)
+@click.option(
+    "--to",
+    "target",
+    required=True,
+    type=NEW_FILE,
+    metavar="FILE",
+    help="Its ending: .csv, .parquet, .mat, .mf4, .mcap.",
+)
+def export_results(source: Path, target: Path) -> None:
+    """Write what was estimated, or a recording, as a file for other programs.
+
+    SOURCE is the folder of a run, its output bag, or any recording that `vsense import` understands. Estimates are
+    written as signals with their standard deviations, named with their units: `side_slip [rad]`,
+    `side_slip_sigma [rad]`. `time [s]` counts from the first row, `stamp [ns]` since the Unix epoch. Of a recording
+    without estimates all signals are written, with empty places at times at which they were not measured.
+
+    \b
+    Examples:
+      vsense export-results out/run/double_lane_change --to lane_change.csv
+      vsense export-results bags/step_steer --to step_steer.mf4
+    """
+    from vsense_ros.api.recording import read
+    from vsense_ros.api.result import export_results as written
+    from vsense_ros.api.saving import check_target
+    from vsense_ros.evaluate.terminal import say, waiting
+
+    check_target(target)
+    output = source / "output"
+    with waiting(f"reading {source.name}"):
+        recording = read(output if output.is_dir() else source)
+    with waiting(f"writing {target.name}"):
+        written(recording, target)
+    say(f"Written to {target}.")
+
+
+COMMANDS = (export, export_results)

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import click
 
-from vsense_ros.cli.common import EXISTING, NEW_FOLDER, HoldsOut, distinct_names, import_named, load_car, vehicle_option
+from vsense_ros.cli.common import EXISTING, NEW_FOLDER, HoldsOut, load_car, vehicle_option
 
 
 def _names(_: click.Context, __: click.Parameter, values: tuple[str, ...]) -> tuple[str, ...]:
@@ -53,28 +53,18 @@ def identify(
     their values and are listed by name, with the driving that would determine them. Writes into --report: vehicle.yaml,
     which every other command takes as --vehicle, report.html and identification.json.
     """
+    from vsense_ros.api.identification import identify as identified
+    from vsense_ros.api.identification import show_identification, write_identification
+    from vsense_ros.api.recording import read_all
     from vsense_ros.evaluate.terminal import console, progress, say
-    from vsense_ros.files.vehicle import save_vehicle
-    from vsense_ros.identify import car_identification, identification, identification_report
 
     car = load_car(vehicle)
-    names = distinct_names([*recordings, *held_out])
-    drives, proof = (import_named(paths, names) for paths in (recordings, held_out))
+    drives, proof = read_all(recordings, held_out)
     report.mkdir(parents=True, exist_ok=True)
     with progress("identifying") as done:
-        if model == "car":
-            whole = car_identification.identify(drives, car, free=free, held_out=proof, progress=done)
-        else:
-            result = identification.identify(drives, car, model, free=free, held_out=proof, progress=done)  # type: ignore[arg-type]
-    if model == "car":
-        save_vehicle(report / "vehicle.yaml", whole.vehicle)
-        car_identification.write(whole, report)
-        car_identification.show(whole, console())
-        say(f"Written to {report}: vehicle.yaml, report.html, identification.json.")
-        return
-    save_vehicle(report / "vehicle.yaml", result.vehicle)
-    identification_report.write(result, report)
-    identification_report.show(result, console())
+        found = identified(drives, car, model=model, free=free, hold_out=proof, progress=done)  # type: ignore[call-overload]
+    write_identification(found, report)
+    show_identification(found, console())
     say(f"Written to {report}: vehicle.yaml, report.html, identification.json.")
 
 

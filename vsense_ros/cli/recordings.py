@@ -115,20 +115,15 @@ def info(bag: Path, mapping: Path | None, dbc: Path | None) -> None:
     Shows signals, rates, gaps, clocks and latencies, and reports frozen signals, and units, signs and frames that
     cannot be right. BAG may also be a recording that `vsense import` reads.
     """
-    from vsense_ros.bag.importers import import_recording
-    from vsense_ros.checks.inspect import inspect
-    from vsense_ros.checks.mending import mends
-    from vsense_ros.checks.sentences import mend_in_words
+    from vsense_ros.api.recording import info as examined
     from vsense_ros.evaluate.terminal import console, show_inspection, waiting
-    from vsense_ros.model.sensors import known_topics
 
     options = {name: value for name, value in (("mapping", mapping), ("dbc", dbc)) if value is not None}
     with waiting(f"reading {bag.name}"):
-        recording = import_recording(bag, **options)
-        inspection = inspect(recording, known_topics())
-    show_inspection(inspection, console())
-    for mend in mends(recording):
-        words = printable(mend_in_words(mend))
+        found = examined(bag, **options)
+    show_inspection(found.inspection, console())
+    for mend in found.mends:
+        words = printable(mend)
         click.echo(f"What would mend it: {words} (`vsense run` and `vsense explain` do it with --mend).")
 
 

@@ -7,16 +7,7 @@ from pathlib import Path
 
 import click
 
-from vsense_ros.cli.common import (
-    EXISTING,
-    NEW_FILE,
-    HoldsOut,
-    distinct_names,
-    import_named,
-    load_car,
-    vehicle_option,
-    warn,
-)
+from vsense_ros.cli.common import EXISTING, NEW_FILE, HoldsOut, load_car, vehicle_option, warn
 
 
 @click.command(cls=HoldsOut)
@@ -42,8 +33,8 @@ def tune(recordings: tuple[Path, ...], vehicle: str, output: Path, held_out: tup
     from vsense_ros.evaluate.terminal import console, progress, say
     from vsense_ros.files.installed import vehicle_path
     from vsense_ros.files.vehicle import save_changes
-    from vsense_ros.identify import noise as job
-    from vsense_ros.identify import noise_report
+    from vsense_ros.identification import noise as job
+    from vsense_ros.identification import noise_report
     from vsense_ros.model.vehicle import left_out_of_observer
 
     path = vehicle_path(vehicle)
@@ -82,8 +73,9 @@ def monitor(recordings: tuple[Path, ...], vehicle: str, calibrate: Path | None, 
     """
     if (calibrate is None) == (limits_file is None):
         raise click.UsageError("expected either --calibrate or --limits")
+    from vsense_ros.api.recording import read_each
     from vsense_ros.evaluate.terminal import console, progress, say
-    from vsense_ros.identify import monitor_report
+    from vsense_ros.identification import monitor_report
     from vsense_ros.model.vehicle import left_out_of_observer
     from vsense_ros.observer.monitor import load_limits, save_limits
     from vsense_ros.runner import calibration
@@ -91,11 +83,9 @@ def monitor(recordings: tuple[Path, ...], vehicle: str, calibrate: Path | None, 
     car = load_car(vehicle)
     warn(left_out_of_observer(car))
     limits = load_limits(limits_file) if limits_file is not None else None
-    names = distinct_names(recordings)
     watched = []
     with progress("watching") as done:
-        for i, path in enumerate(recordings):
-            (recording,) = import_named([path], names)
+        for i, recording in enumerate(read_each(recordings)):
             before = i / len(recordings)
             report = partial(lambda before, share: done(before + share / len(recordings)), before)
             watched.append(calibration.watch(recording, car, limits, report))

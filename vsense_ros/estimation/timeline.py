@@ -146,6 +146,13 @@ class Timeline:
             if self._ahead:
                 self._occur(self._ahead.pop(0))
 
+    def go_on(self, stamp: int) -> None:
+        """Predict to a time [ns] at which nothing was measured. The filter stays where it is if that is not later."""
+        self.catch_up()
+        if stamp > self._history[-1].latest:
+            self._move(stamp)
+            self._afterwards()
+
     def recover(self) -> bool:
         """Go on from the newest valid state before this instant, with less trust in it; False if there is none."""
         for instant in reversed(self._history[:-1]):
@@ -262,15 +269,20 @@ class Timeline:
         """Let an event happen, not before those of the newest instant."""
         instant, stamp = self._history[-1], event.stamp
         if self._is_later(event, instant):
-            if not self.filter.advance(self._way(instant, stamp)):
-                self._fault()
-                instant.kept.memory[:] = self.filter.memory
-            instant = self._new_instant(stamp)
+            instant = self._move(stamp)
         self._act(event)
         instant.events.append(event)
         if stamp > instant.latest:
             instant.latest = stamp
         self._afterwards()
+
+    def _move(self, stamp: int) -> Instant:
+        """Predict from the newest instant to a new one at a later time [ns]."""
+        instant = self._history[-1]
+        if not self.filter.advance(self._way(instant, stamp)):
+            self._fault()
+            instant.kept.memory[:] = self.filter.memory
+        return self._new_instant(stamp)
 
     def _is_later(self, event: Event, instant: Instant) -> bool:
         """True if an event has an instant of its own. An input holds from where it comes on: the filter need not be

@@ -64,6 +64,12 @@ STYLE: Mapping[str, Any] = {
 }
 
 
+def figure_of(drive: Drive) -> Figure:
+    """The picture as a figure, in the style of the project."""
+    with matplotlib.rc_context(dict(STYLE)):
+        return compose(drive)
+
+
 def draw(drive: Drive, path: Path) -> list[Path]:
     """Write `<path>.png` and `<path>.svg`; returns both."""
     with matplotlib.rc_context(dict(STYLE)):

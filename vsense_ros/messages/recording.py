@@ -11,9 +11,18 @@ from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, field, replace
 from hashlib import sha256
 from types import MappingProxyType
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
+
+from vsense_ros.messages.components import columns_of
+from vsense_ros.messages.table import Table, merged
+
+if TYPE_CHECKING:
+    import pandas
+    import polars
+    import xarray
 
 # Fields of each message type that carry numbers, with their length; 0 stands for "as many as `names`",
 # where an empty array says that the message does not carry the field.
@@ -105,6 +114,11 @@ class Channel:
     def seconds(self) -> NDArray[np.float64]:
         """Time of measurement relative to the first row [s]."""
         return (self.stamp - self.stamp[0]) * 1e-9 if len(self) else np.zeros(0)
+
+    def table(self) -> Table:
+        """The signals of the topic with their units, by time of measurement; without covariances. Of two messages with
+        one stamp the one that arrived last counts."""
+        return Table(self.topic, self.stamp, columns_of(self.topic, self.kind, self.names, self.columns)).in_order()
 
     def select(self, rows: NDArray[np.bool_] | NDArray[np.int64] | slice) -> Channel:
         """The channel with only these rows."""
@@ -211,6 +225,30 @@ class Recording:
             for name, values in sorted(channel.columns.items()):
                 found.update(name.encode() + values.tobytes())
         return found.digest()
+
+    def tables(self) -> tuple[Table, ...]:
+        """A table for each topic that has messages: its signals with their units, over its own times."""
+        return tuple(channel.table() for channel in self.channels.values() if len(channel))
+
+    def table(self) -> Table:
+        """All signals over all times at which anything was measured; NaN where a signal was not. Nothing is
+        interpolated."""
+        return merged(self.tables(), self.name)
+
+    def to_pandas(self) -> pandas.DataFrame:
+        """`table` as a pandas frame over the time [s] since the first stamp; columns are named with their units, as
+        `imu/data/angular_velocity.z [rad/s]`. Raises `MissingExtra` if pandas is not installed."""
+        return self.table().to_pandas()
+
+    def to_polars(self) -> polars.DataFrame:
+        """`table` as a polars frame, with time [s] and stamp [ns] as its first columns. Raises `MissingExtra` if polars
+        is not installed."""
+        return self.table().to_polars()
+
+    def to_xarray(self) -> xarray.Dataset:
+        """`table` as an xarray data set over `time` [s], each variable with its unit in `attrs["units"]`. Raises
+        `MissingExtra` if xarray is not installed."""
+        return self.table().to_xarray()
 
     def samples(self, topics: tuple[str, ...] | None = None) -> Iterator[Sample]:
         """All messages in order of arrival, ties in the order of the channels."""

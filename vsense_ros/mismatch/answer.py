@@ -9,9 +9,9 @@ from types import MappingProxyType
 import numpy as np
 from numpy.typing import NDArray
 
-from vsense_ros.identify.free_parameter import FreeParameter
-from vsense_ros.identify.least_squares import DivergedError, Fit, cost
-from vsense_ros.identify.parameter_set import ParameterSet
+from vsense_ros.identification.free_parameter import FreeParameter
+from vsense_ros.identification.least_squares import DivergedError, Fit, cost
+from vsense_ros.identification.parameter_set import ParameterSet
 from vsense_ros.mismatch import onset as onsets
 from vsense_ros.mismatch.ages import DELAY
 from vsense_ros.mismatch.answer_schema import (

@@ -6,8 +6,8 @@ from collections.abc import Collection, Iterator, Sequence
 from dataclasses import dataclass, replace
 from types import MappingProxyType
 
-from vsense_ros.identify.free_parameter import Change, FreeParameter, added, scaled
-from vsense_ros.identify.parameter_set import Values
+from vsense_ros.identification.free_parameter import Change, FreeParameter, added, scaled
+from vsense_ros.identification.parameter_set import Values
 from vsense_ros.mismatch.road import point
 from vsense_ros.model.effects import BY_ID, EVERY
 from vsense_ros.model.effects.base import RoadEffect, bounds, role

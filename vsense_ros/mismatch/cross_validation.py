@@ -10,8 +10,8 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from vsense_ros.identify.least_squares import Fit
-from vsense_ros.identify.normal_equations import NormalEquations
+from vsense_ros.identification.least_squares import Fit
+from vsense_ros.identification.normal_equations import NormalEquations
 from vsense_ros.mismatch.candidates import Candidate
 from vsense_ros.mismatch.residuals import Residuals
 from vsense_ros.mismatch.road import ROAD_SETTINGS

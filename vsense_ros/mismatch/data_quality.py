@@ -24,7 +24,7 @@ from vsense_ros.checks.roles import topics_of
 from vsense_ros.checks.sentences import mend_in_words, sentence
 from vsense_ros.checks.setting import JUDGEMENT, setting
 from vsense_ros.checks.subject import Subject
-from vsense_ros.identify.least_squares import DEFAULT, Fit, prior_weight, solve
+from vsense_ros.identification.least_squares import DEFAULT, Fit, prior_weight, solve
 from vsense_ros.messages.recording import Recording
 from vsense_ros.mismatch.ages import LAG_SEARCH
 from vsense_ros.mismatch.candidates import BASE

@@ -26,9 +26,9 @@ from rich.text import Text
 
 from vsense_ros.errors import InputError
 from vsense_ros.files.atomic import atomic_write
-from vsense_ros.identify.free_parameter import FreeParameter, with_offsets
-from vsense_ros.identify.least_squares import DivergedError, Fit, cost, prior_weight, slopes_by, solve
-from vsense_ros.identify.parameter_set import ParameterSet
+from vsense_ros.identification.free_parameter import FreeParameter, with_offsets
+from vsense_ros.identification.least_squares import DivergedError, Fit, cost, prior_weight, slopes_by, solve
+from vsense_ros.identification.parameter_set import ParameterSet
 from vsense_ros.manoeuvre import TESTS, Manoeuvre, drive
 from vsense_ros.manoeuvre.sensing import record
 from vsense_ros.mismatch.answer_schema import Answer, BaseParameter, EffectEntry, NextTest, read_answer

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import uniform_filter1d
 
-from vsense_ros.identify.parameter_set import ParameterSet
+from vsense_ros.identification.parameter_set import ParameterSet
 from vsense_ros.mismatch.candidates import TORQUE_SHARES
 from vsense_ros.mismatch.prediction_settings import PREDICTION, middle_of_steps
 from vsense_ros.mismatch.road_in_windows import RoadInWindow

@@ -8,7 +8,7 @@ from functools import cache
 import numpy as np
 from numpy.typing import NDArray
 
-from vsense_ros.identify.parameter_set import ParameterSet
+from vsense_ros.identification.parameter_set import ParameterSet
 from vsense_ros.mismatch.candidates import TORQUE_SHARES
 from vsense_ros.mismatch.road import place_of, profile, profile_change
 from vsense_ros.model.effects import EVERY, Effect, Effects

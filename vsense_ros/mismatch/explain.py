@@ -23,8 +23,8 @@ from vsense_ros.checks.mending import mended
 from vsense_ros.errors import InputError
 from vsense_ros.files.atomic import atomic_write
 from vsense_ros.files.vehicle import save_vehicle
-from vsense_ros.identify.free_parameter import FreeParameter
-from vsense_ros.identify.least_squares import DivergedError, Fit, fit
+from vsense_ros.identification.free_parameter import FreeParameter
+from vsense_ros.identification.least_squares import DivergedError, Fit, fit
 from vsense_ros.messages.recording import Recording
 from vsense_ros.mismatch import answer as entries
 from vsense_ros.mismatch.ages import ages, with_ages

@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from vsense_ros.identify.parameter_set import ParameterSet
+from vsense_ros.identification.parameter_set import ParameterSet
 from vsense_ros.mismatch.road import place_of, profile
 from vsense_ros.mismatch.road_in_windows import abscissae
 from vsense_ros.mismatch.windows import Dataset

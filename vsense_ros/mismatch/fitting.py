@@ -7,7 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from vsense_ros.identify.least_squares import Fit, fit, fit_each
+from vsense_ros.identification.least_squares import Fit, fit, fit_each
 from vsense_ros.mismatch.candidates import Candidate, shapes
 from vsense_ros.mismatch.cross_validation import CrossValidation
 from vsense_ros.mismatch.hypothesis import Hypothesis, Signature

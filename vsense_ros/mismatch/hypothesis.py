@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 
-from vsense_ros.identify.least_squares import Fit
+from vsense_ros.identification.least_squares import Fit
 from vsense_ros.mismatch.candidates import Candidate
 
 

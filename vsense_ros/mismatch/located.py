@@ -7,7 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from vsense_ros.identify.least_squares import Fit, cost
+from vsense_ros.identification.least_squares import Fit, cost
 from vsense_ros.mismatch.answer_schema import (
     ActingPart,
     EffectEntry,

@@ -6,7 +6,7 @@ from collections.abc import Callable, Mapping
 
 import numpy as np
 
-from vsense_ros.identify.free_parameter import FreeParameter
+from vsense_ros.identification.free_parameter import FreeParameter
 from vsense_ros.mismatch.candidates import Candidate
 from vsense_ros.mismatch.confidence import interval
 from vsense_ros.mismatch.hypothesis import Hypothesis

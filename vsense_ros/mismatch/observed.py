@@ -20,9 +20,9 @@ from vsense_ros.estimation.innovations import Innovations
 from vsense_ros.evaluate.metrics import SignalScore, align, compare
 from vsense_ros.evaluate.reference import at_reference
 from vsense_ros.evaluate.signals import SLOWEST_SIDE_SLIP, read_signals
-from vsense_ros.identify.free_parameter import FreeParameter, multiplied, with_offsets
-from vsense_ros.identify.noise import NOISE, maximise, noise_numbers
-from vsense_ros.identify.parameter_set import EXACT, of_vehicle, with_values
+from vsense_ros.identification.free_parameter import FreeParameter, multiplied, with_offsets
+from vsense_ros.identification.noise import NOISE, maximise, noise_numbers
+from vsense_ros.identification.parameter_set import EXACT, of_vehicle, with_values
 from vsense_ros.messages.recording import Recording
 from vsense_ros.mismatch.answer_schema import (
     ObserverComparison,

@@ -14,7 +14,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from vsense_ros.identify.least_squares import Fit
+from vsense_ros.identification.least_squares import Fit
 from vsense_ros.mismatch.candidates import Candidate
 from vsense_ros.mismatch.residuals import Residuals
 from vsense_ros.mismatch.signals import SIGNALS, grid

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Collection, Iterator, Mapping
 from dataclasses import dataclass
 
-from vsense_ros.identify.least_squares import Fit
+from vsense_ros.identification.least_squares import Fit
 from vsense_ros.mismatch.hypothesis import Hypothesis
 from vsense_ros.mismatch.validation import Validation
 from vsense_ros.mismatch.verdict import Judged

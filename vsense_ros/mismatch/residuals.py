@@ -9,8 +9,8 @@ from operator import itemgetter
 import numpy as np
 from numpy.typing import NDArray
 
-from vsense_ros.identify.least_squares import DivergedError, cost
-from vsense_ros.identify.parameter_set import ParameterSet
+from vsense_ros.identification.least_squares import DivergedError, cost
+from vsense_ros.identification.parameter_set import ParameterSet
 from vsense_ros.mismatch.signals import SHAKING, difference, grid
 from vsense_ros.mismatch.simulation import Predictor
 from vsense_ros.model.sensors import compared_signals

@@ -9,7 +9,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from vsense_ros.identify.parameter_set import ParameterSet
+from vsense_ros.identification.parameter_set import ParameterSet
 from vsense_ros.mismatch.candidates import size_of
 from vsense_ros.mismatch.effect_parameters import Profiles, change_along_road, effect_of, profiles_of, varying_sizes
 from vsense_ros.mismatch.prediction_settings import middle_of_steps

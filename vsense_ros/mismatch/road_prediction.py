@@ -12,8 +12,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from vsense_ros.identify.least_squares import Fit, fit, prior_weight, slopes_by
-from vsense_ros.identify.parameter_set import ParameterSet
+from vsense_ros.identification.least_squares import Fit, fit, prior_weight, slopes_by
+from vsense_ros.identification.parameter_set import ParameterSet
 from vsense_ros.mismatch.candidates import at_places
 from vsense_ros.mismatch.cross_validation import chosen, odd
 from vsense_ros.mismatch.residuals import Residuals

@@ -11,7 +11,7 @@ from collections.abc import Sequence
 from functools import cached_property
 from itertools import combinations
 
-from vsense_ros.identify.least_squares import Fit
+from vsense_ros.identification.least_squares import Fit
 from vsense_ros.mismatch.candidates import Candidate
 from vsense_ros.mismatch.cross_validation import CrossValidation, as_it_is
 from vsense_ros.mismatch.hypothesis import Signature

@@ -15,9 +15,9 @@ from operator import itemgetter
 import numpy as np
 from numpy.typing import NDArray
 
-from vsense_ros.identify.free_parameter import FreeParameter, with_offsets
-from vsense_ros.identify.least_squares import DivergedError, Fit, fit
-from vsense_ros.identify.parameter_set import ParameterSet
+from vsense_ros.identification.free_parameter import FreeParameter, with_offsets
+from vsense_ros.identification.least_squares import DivergedError, Fit, fit
+from vsense_ros.identification.parameter_set import ParameterSet
 from vsense_ros.mismatch.candidates import Candidate, terms
 from vsense_ros.mismatch.cross_validation import CrossValidation
 from vsense_ros.mismatch.fitting import Fitting

@@ -12,10 +12,10 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from vsense_ros.identify.free_parameter import FreeParameter, joined
-from vsense_ros.identify.least_squares import SEARCH, Fit, slopes_by
-from vsense_ros.identify.normal_equations import NormalEquations
-from vsense_ros.identify.parameter_set import ParameterSet
+from vsense_ros.identification.free_parameter import FreeParameter, joined
+from vsense_ros.identification.least_squares import SEARCH, Fit, slopes_by
+from vsense_ros.identification.normal_equations import NormalEquations
+from vsense_ros.identification.parameter_set import ParameterSet
 from vsense_ros.mismatch.candidates import Candidate
 from vsense_ros.mismatch.cross_validation import places
 from vsense_ros.mismatch.residuals import Residuals

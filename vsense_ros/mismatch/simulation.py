@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from vsense_ros import codegen
 from vsense_ros.codegen import Kernel
-from vsense_ros.identify.parameter_set import ParameterSet
+from vsense_ros.identification.parameter_set import ParameterSet
 from vsense_ros.mismatch.driving import Drives, Driving
 from vsense_ros.mismatch.effect_parameters import effect_of, parameters_of, with_all_effects
 from vsense_ros.mismatch.prediction_settings import PREDICTION

@@ -9,7 +9,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from vsense_ros.identify.least_squares import DivergedError, Fit, Settings, cost, fit
+from vsense_ros.identification.least_squares import DivergedError, Fit, Settings, cost, fit
 from vsense_ros.mismatch.cross_validation import is_long_enough_for_pieces, passed
 from vsense_ros.mismatch.hypothesis import Hypothesis
 from vsense_ros.mismatch.residuals import Residuals

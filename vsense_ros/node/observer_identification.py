@@ -10,7 +10,7 @@ from pydantic import BaseModel
 
 from vsense_ros.files.installed import vehicle_path
 from vsense_ros.files.vehicle import load_vehicle
-from vsense_ros.identify.online import ONLINE, TOPIC, OnlineIdentification
+from vsense_ros.identification.online import ONLINE, TOPIC, OnlineIdentification
 from vsense_ros.messages.recording import Sample
 from vsense_ros.model.vehicle import Vehicle
 from vsense_ros.node.base import SensingNode

@@ -355,6 +355,12 @@ class Runner:
             self.adapter.watch(newest, lambda: self.converged)
         return newest
 
+    def snapshot_at(self, stamp: int) -> Any:
+        """The state predicted to a time [ns] at or after the newest measurement, as `snapshot`."""
+        if self.started:
+            self._timeline.go_on(stamp)
+        return self.snapshot()
+
     def parameters(self) -> dict[str, tuple[float, float]]:
         """Slow quantities by name: value and standard deviation."""
         return self.adapter.parameters(self.snapshot())

@@ -19,7 +19,7 @@ from vsense_ros.evaluate.picture import ESTIMATE, MUTED, STYLE, TRUTH
 from vsense_ros.evaluate.terminal import plain_table
 from vsense_ros.files.atomic import atomic_write
 from vsense_ros.files.names import drawn
-from vsense_ros.identify.characterise import Characteristics, Scatter
+from vsense_ros.identification.characterise import Characteristics, Scatter
 from vsense_ros.model.handling.bicycle_2dof import Bicycle2Dof
 from vsense_ros.model.handling.response import Response
 from vsense_ros.model.vehicle import Vehicle

@@ -14,7 +14,7 @@ import numpy as np
 
 from vsense_ros.estimation.filter import Array
 from vsense_ros.estimation.observability import Direction
-from vsense_ros.identify.rinsing import Drive, Identifier
+from vsense_ros.identification.rinsing import Drive, Identifier
 
 
 @dataclass(frozen=True)

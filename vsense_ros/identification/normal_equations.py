@@ -12,7 +12,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from vsense_ros.identify.free_parameter import FreeParameter
+from vsense_ros.identification.free_parameter import FreeParameter
 
 Array = NDArray[np.float64]
 

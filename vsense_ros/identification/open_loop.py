@@ -13,7 +13,7 @@ from vsense_ros.estimation.ekf import Ekf
 from vsense_ros.estimation.filter import Array, Course, Gaussian
 from vsense_ros.estimation.integrated import Integrated, Rates
 from vsense_ros.estimation.state_space import Symbols
-from vsense_ros.identify.rinsing import SENSOR, Drive
+from vsense_ros.identification.rinsing import SENSOR, Drive
 
 
 class OpenLoop:

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from vsense_ros.estimation.filter import Array
-from vsense_ros.identify.rinsing import Identifier, Kind, Noise
+from vsense_ros.identification.rinsing import Identifier, Kind, Noise
 from vsense_ros.model.handling import best_4dof
 from vsense_ros.model.handling.best_4dof import Best4Dof
 

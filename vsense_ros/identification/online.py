@@ -19,10 +19,10 @@ from vsense_ros.errors import InputError
 from vsense_ros.estimation.filter import Array, Gaussian
 from vsense_ros.estimation.reading import Map, Reader
 from vsense_ros.files.atomic import atomic_write
-from vsense_ros.identify.best import SETTINGS as BEST
-from vsense_ros.identify.identification import handling_identifier
-from vsense_ros.identify.recorded import RECORDED
-from vsense_ros.identify.rinsing import SENSOR, independent
+from vsense_ros.identification.best import SETTINGS as BEST
+from vsense_ros.identification.identification import handling_identifier
+from vsense_ros.identification.recorded import RECORDED
+from vsense_ros.identification.rinsing import SENSOR, independent
 from vsense_ros.messages.recording import Sample
 from vsense_ros.model.sensors import Imu, telling
 from vsense_ros.model.simulation.closed_loop import rolling_radii

@@ -16,14 +16,14 @@ import numpy as np
 from vsense_ros.errors import InputError
 from vsense_ros.estimation.filter import Array
 from vsense_ros.estimation.integrated import Rates
-from vsense_ros.identify import best, handling_values, recorded
-from vsense_ros.identify.information import Information, Refusal, information, refusals, weigh
-from vsense_ros.identify.likelihood import Likelihood
-from vsense_ros.identify.open_loop import OpenLoop
-from vsense_ros.identify.progress import Progress, part
-from vsense_ros.identify.recorded import Signals
-from vsense_ros.identify.rinsing import Drive, Identifier, Noise, Rinsed, Schedule, rinse
-from vsense_ros.identify.sensor_errors import STEERING, WithSensorErrors
+from vsense_ros.identification import best, handling_values, recorded
+from vsense_ros.identification.information import Information, Refusal, information, refusals, weigh
+from vsense_ros.identification.likelihood import Likelihood
+from vsense_ros.identification.open_loop import OpenLoop
+from vsense_ros.identification.progress import Progress, part
+from vsense_ros.identification.recorded import Signals
+from vsense_ros.identification.rinsing import Drive, Identifier, Noise, Rinsed, Schedule, rinse
+from vsense_ros.identification.sensor_errors import STEERING, WithSensorErrors
 from vsense_ros.messages.recording import Recording
 from vsense_ros.model.handling import best_4dof
 from vsense_ros.model.handling.best_4dof import Best4Dof

@@ -9,7 +9,7 @@ import numpy as np
 
 from vsense_ros.estimation.integrated import Rates
 from vsense_ros.estimation.state_space import Named, expression
-from vsense_ros.identify.rinsing import Drive
+from vsense_ros.identification.rinsing import Drive
 
 STEERING = ("steering_gain", "steering_offset", "steering_delay")
 RATE = "steering_rate"

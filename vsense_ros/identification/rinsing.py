@@ -26,7 +26,7 @@ from vsense_ros.estimation.gaussian import GaussianFilter
 from vsense_ros.estimation.integrated import Integrated, Rates
 from vsense_ros.estimation.state_space import Measurement, Symbols
 from vsense_ros.estimation.ukf import Ukf
-from vsense_ros.identify.progress import Progress
+from vsense_ros.identification.progress import Progress
 
 Kind = Literal["extended", "unscented"]
 SENSOR = "outputs"

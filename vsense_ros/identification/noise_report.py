@@ -17,7 +17,7 @@ from vsense_ros.evaluate.consistency import Consistency
 from vsense_ros.evaluate.picture import ESTIMATE, MUTED, STYLE
 from vsense_ros.evaluate.signals import SIGNALS
 from vsense_ros.files.names import drawn
-from vsense_ros.identify.noise import Figures, Tuning
+from vsense_ros.identification.noise import Figures, Tuning
 
 _WIDTH = 120  # of the tables
 _BEFORE, _AFTER, _EXPECTED = "#E69F00", ESTIMATE, "#cfcfcf"

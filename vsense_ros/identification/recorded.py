@@ -15,8 +15,8 @@ from numpy.typing import NDArray
 from vsense_ros.errors import InputError
 from vsense_ros.estimation.filter import Array
 from vsense_ros.estimation.reading import Map, Reader
-from vsense_ros.identify.best import SETTINGS as BEST
-from vsense_ros.identify.rinsing import Drive, independent, low_passed
+from vsense_ros.identification.best import SETTINGS as BEST
+from vsense_ros.identification.rinsing import Drive, independent, low_passed
 from vsense_ros.messages.recording import Recording
 from vsense_ros.model.sensors import SensorBase, telling
 from vsense_ros.model.simulation.closed_loop import rolling_radii

@@ -23,8 +23,8 @@ from vsense_ros.evaluate.reference import at_reference
 from vsense_ros.evaluate.signals import read_signals
 from vsense_ros.evaluate.terminal import plain_table
 from vsense_ros.files.atomic import atomic_write
-from vsense_ros.identify.information import INFORMATION
-from vsense_ros.identify.progress import Progress, part
+from vsense_ros.identification.information import INFORMATION
+from vsense_ros.identification.progress import Progress, part
 from vsense_ros.messages.recording import Recording
 from vsense_ros.model.schema.observer_settings import EstimatedParameter
 from vsense_ros.model.vehicle import Vehicle

@@ -25,9 +25,9 @@ from vsense_ros.estimation.ekf import Ekf
 from vsense_ros.estimation.filter import Array, Course, Gaussian
 from vsense_ros.estimation.integrated import Integrated, Rates
 from vsense_ros.estimation.state_space import Named, Symbols
-from vsense_ros.identify.information import Information, disagreement
-from vsense_ros.identify.progress import Progress
-from vsense_ros.identify.rinsing import RINSING, SENSOR, Drive, Identifier, Pass, Rinsed
+from vsense_ros.identification.information import Information, disagreement
+from vsense_ros.identification.progress import Progress
+from vsense_ros.identification.rinsing import RINSING, SENSOR, Drive, Identifier, Pass, Rinsed
 
 
 @dataclass(frozen=True)

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from scipy import signal
 
 from vsense_ros.errors import InputError
-from vsense_ros.identify.drive_signals import DRIVE_SIGNALS, DriveSignals, of_trajectory, reading_over_angle
+from vsense_ros.identification.drive_signals import DRIVE_SIGNALS, DriveSignals, of_trajectory, reading_over_angle
 from vsense_ros.manoeuvre import MANOEUVRES
 from vsense_ros.manoeuvre.driver import SpeedKeeper, understeer_gradient
 from vsense_ros.model.constants import GRAVITY

@@ -20,10 +20,10 @@ from vsense_ros.errors import InputError
 from vsense_ros.evaluate.metrics import align
 from vsense_ros.evaluate.reference import at_reference
 from vsense_ros.evaluate.signals import read_signals
-from vsense_ros.identify.free_parameter import FreeParameter
-from vsense_ros.identify.least_squares import DivergedError, Settings, fit
-from vsense_ros.identify.parameter_set import ParameterSet, of_vehicle, rounded, with_values
-from vsense_ros.identify.progress import Progress
+from vsense_ros.identification.free_parameter import FreeParameter
+from vsense_ros.identification.least_squares import DivergedError, Settings, fit
+from vsense_ros.identification.parameter_set import ParameterSet, of_vehicle, rounded, with_values
+from vsense_ros.identification.progress import Progress
 from vsense_ros.messages.recording import Recording
 from vsense_ros.model.vehicle import Vehicle
 from vsense_ros.runner import run

@@ -22,10 +22,10 @@ from vsense_ros.errors import InputError
 from vsense_ros.estimation.innovations import Innovations
 from vsense_ros.evaluate.consistency import Consistency, Error, consistency, errors_of
 from vsense_ros.evaluate.reference import at_reference
-from vsense_ros.identify.free_parameter import FreeParameter, multiplied, with_offsets
-from vsense_ros.identify.normal_equations import NormalEquations
-from vsense_ros.identify.parameter_set import EXACT, of_vehicle, with_values
-from vsense_ros.identify.progress import Progress, part
+from vsense_ros.identification.free_parameter import FreeParameter, multiplied, with_offsets
+from vsense_ros.identification.normal_equations import NormalEquations
+from vsense_ros.identification.parameter_set import EXACT, of_vehicle, with_values
+from vsense_ros.identification.progress import Progress, part
 from vsense_ros.messages.recording import Recording
 from vsense_ros.model.schema.observer_settings import ForceErrors
 from vsense_ros.model.vehicle import Vehicle

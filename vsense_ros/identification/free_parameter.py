@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from vsense_ros.identify.parameter_set import ParameterSet, Values
+from vsense_ros.identification.parameter_set import ParameterSet, Values
 
 Array = NDArray[np.float64]
 

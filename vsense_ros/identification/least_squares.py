@@ -18,9 +18,9 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from vsense_ros.identify.free_parameter import FreeParameter, with_offsets
-from vsense_ros.identify.normal_equations import NormalEquations, minimiser
-from vsense_ros.identify.parameter_set import ParameterSet
+from vsense_ros.identification.free_parameter import FreeParameter, with_offsets
+from vsense_ros.identification.normal_equations import NormalEquations, minimiser
+from vsense_ros.identification.parameter_set import ParameterSet
 
 Array = NDArray[np.float64]
 

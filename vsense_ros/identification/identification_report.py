@@ -20,7 +20,7 @@ from vsense_ros.evaluate.html_page import embedded, write_page
 from vsense_ros.evaluate.picture import BAND, ESTIMATE, MUTED, STYLE
 from vsense_ros.evaluate.terminal import plain_table
 from vsense_ros.files.atomic import atomic_write
-from vsense_ros.identify.identification import Identification
+from vsense_ros.identification.identification import Identification
 from vsense_ros.model.handling import best_4dof
 from vsense_ros.model.handling.best_4dof import PAPER, REACH, Best4Dof
 
@@ -104,7 +104,7 @@ def write(found: Identification, folder: Path) -> Path:
     with atomic_write(folder / "identification.json") as file:
         file.write(json.dumps(content(found), indent=2) + "\n")
     return write_page(
-        folder / "report.html", "vsense_ros.identify", "identification.html.j2",
+        folder / "report.html", "vsense_ros.identification", "identification.html.j2",
         title=f"{found.before.name}: parameters identified", found=found, rows=rows(found),
         degrees={name: f"{np.degrees(value):.3f}" for name, value in found.side_slip.items()},
         pictures=[(title, _encoded(figure)) for title, figure in pictures(found).items()],

@@ -1,0 +1,61 @@
+"""What the model of a car leaves out: what the command `vsense explain` does."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from pathlib import Path
+
+from vsense_ros.api.recording import Source, read_all
+from vsense_ros.api.vehicle import load_vehicle
+from vsense_ros.messages.laps import laps
+from vsense_ros.mismatch.explain import STAGES, Explanation, explain_recordings
+from vsense_ros.model.vehicle import Vehicle
+
+
+def explain(
+    recordings: Sequence[Source],
+    vehicle: str | Path | Vehicle,
+    *,
+    hold_out: Sequence[Source] = (),
+    assume: Sequence[str] = (),
+    ablation: str = "",
+    by_lap: bool = False,
+    mend: bool = False,
+    observe: bool = True,
+    progress: Callable[[float], None] | None = None,
+) -> Explanation:
+    """Name the physics that the model of a car leaves out on recordings.
+
+        answer = vs.explain(["lap_1", "lap_2@0:120"], "genesis", hold_out=["lap_3"]).answer
+        answer.verdict  # named, ambiguous, unknown, no_mismatch or not_assessable
+
+    Args:
+        recordings: recordings or paths, as `read` takes them.
+        vehicle: the car as far as it is known; its uncertain parameters are fitted first.
+        hold_out: recordings on which the answer is proven.
+        assume: effects to be fitted in place of a search.
+        ablation: a part of the method to be left out for comparison: no_refit, no_projection, chi2_thresholds.
+        by_lap: cut each recording into its laps, which are found by position.
+        mend: correct signs, axes and units that cannot be right.
+        observe: run the observer with the explained model, and fit its noise levels.
+        progress: is called with the share done, 0 to 1.
+
+    `extended` of the explanation is the vehicle with what was named, or None; `write(folder)` writes the report. Raises
+    `InputError` as `read` and `load_vehicle` do, and for effects that are not known.
+    """
+    car = load_vehicle(vehicle)
+    train, proof = read_all(recordings, hold_out)
+    if by_lap:
+        train, proof = ([lap for one in every for lap in laps(one)] for every in (train, proof))
+    done = progress or (lambda share: None)
+    steps = iter(range(STAGES))
+    return explain_recordings(
+        train,
+        car,
+        proof,
+        assume,
+        ablation,
+        lambda: done(min(1.0, (next(steps, STAGES) + 1) / STAGES)),
+        mend=mend,
+        observe=observe,
+    )

@@ -1,0 +1,88 @@
+"""Parameters of a car from its recordings: what the command `vsense identify` does."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from typing import Literal, overload
+
+from rich.console import Console
+
+from vsense_ros.api.recording import Source, read_all
+from vsense_ros.api.vehicle import load_vehicle
+from vsense_ros.files.vehicle import save_vehicle
+from vsense_ros.identification import car_identification, identification, identification_report
+from vsense_ros.identification.car_identification import CarIdentification
+from vsense_ros.identification.identification import Identification
+from vsense_ros.model.vehicle import Vehicle
+
+
+@overload
+def identify(
+    recordings: Sequence[Source],
+    vehicle: str | Path | Vehicle,
+    *,
+    model: Literal["best", "single_track"] = "best",
+    free: Sequence[str] = (),
+    hold_out: Sequence[Source] = (),
+    progress: Callable[[float], None] | None = None,
+) -> Identification: ...
+@overload
+def identify(
+    recordings: Sequence[Source],
+    vehicle: str | Path | Vehicle,
+    *,
+    model: Literal["car"],
+    free: Sequence[str] = (),
+    hold_out: Sequence[Source] = (),
+    progress: Callable[[float], None] | None = None,
+) -> CarIdentification: ...
+def identify(
+    recordings: Sequence[Source],
+    vehicle: str | Path | Vehicle,
+    *,
+    model: Literal["best", "single_track", "car"] = "best",
+    free: Sequence[str] = (),
+    hold_out: Sequence[Source] = (),
+    progress: Callable[[float], None] | None = None,
+) -> Identification | CarIdentification:
+    """Identify the parameters of a car from recordings: distribution of mass, roll, tyres.
+
+        found = vs.identify(["drive_1", "drive_2"], "my_car.yaml", hold_out=["drive_3"])
+        vs.estimate("drive_3", found.vehicle)
+
+    Args:
+        recordings: recordings or paths, as `read` takes them.
+        vehicle: the car as far as it is known; its values are taken to be known to about 30 %.
+        model: `best` has 4 degrees of freedom and wheel speeds, for `single_track` a speed is enough, `car` is the
+            observer's own.
+        free: names of the parameters to be identified; by default all.
+        hold_out: recordings on which the result is proven.
+        progress: is called with the share done, 0 to 1.
+
+    `vehicle` of the answer has the identified values; those that the recordings cannot determine keep theirs and are
+    listed. Raises `InputError` where the recordings cannot determine anything, or a free parameter is not one of the
+    model.
+    """
+    car = load_vehicle(vehicle)
+    drives, proof = read_all(recordings, hold_out)
+    if model == "car":
+        return car_identification.identify(drives, car, free=free, held_out=proof, progress=progress)
+    return identification.identify(drives, car, model, free=free, held_out=proof, progress=progress)
+
+
+def write_identification(found: Identification | CarIdentification, folder: Path) -> None:
+    """Write vehicle.yaml, report.html and identification.json into a folder that exists."""
+    save_vehicle(folder / "vehicle.yaml", found.vehicle)
+    if isinstance(found, CarIdentification):
+        car_identification.write(found, folder)
+    else:
+        identification_report.write(found, folder)
+
+
+def show_identification(found: Identification | CarIdentification, out: Console) -> None:
+    """Print the identified values with their standard deviations, and what could not be determined."""
+    if isinstance(found, CarIdentification):
+        car_identification.show(found, out)
+    else:
+        identification_report.show(found, out)
