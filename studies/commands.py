@@ -358,3 +358,22 @@ def accelerator(systems: int, requests: int, short: bool, only_table: bool, out:
         tables.show(content, rows, short, console())
     job.write(content, out)
     say(f"Written to {out}.")
+
+
+@main.command("can-survey")
+@click.option("--databases", type=click.Path(path_type=Path), required=True, help="The folder opendbc/dbc of opendbc.")
+@click.option("--out", type=NEW_FILE, default=Path("out/can_survey.json"), show_default=True, help="File.")
+def can_survey(databases: Path, out: Path) -> None:
+    """Examine `vsense can` on twenty cars of opendbc, whose logs are made from their databases.
+
+    The databases are not part of this project: clone github.com/commaai/opendbc.
+
+    \b
+    Examples:
+      python -m studies can-survey --databases opendbc/opendbc/dbc
+    """
+    from studies import can_survey as job
+    from vsense_ros.evaluate.terminal import say
+
+    job.run(databases, out)
+    say(f"Written to {out}.")

@@ -16,6 +16,7 @@ from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
+    from vsense_ros.api.can import survey_can
     from vsense_ros.api.estimation import RecordingWarning, estimate
     from vsense_ros.api.explanation import explain
     from vsense_ros.api.filter import Filter
@@ -43,6 +44,7 @@ __all__ = [
     "info",
     "load_vehicle",
     "read",
+    "survey_can",
 ]
 
 # The module of each name, relative to this package.
@@ -62,6 +64,7 @@ _PLACES = {
     "info": "api.recording",
     "load_vehicle": "api.vehicle",
     "read": "api.recording",
+    "survey_can": "api.can",
 }
 
 

@@ -25,7 +25,7 @@ HEAVY = ("casadi", "scipy", "pandas", "polars", "xarray", "matplotlib", "asammdf
 @pytest.fixture(scope="module")
 def result() -> vs.Result:
     with pytest.warns(vs.RecordingWarning) if prepare(BAG, CAR).warnings else _nothing():
-        return vs.estimate(f"{BAG}@0:6", CAR, filter="error_ekf")
+        return vs.estimate(f"{BAG}@0:4", CAR, filter="error_ekf")
 
 
 def _nothing():
@@ -100,7 +100,7 @@ def test_a_result_has_signals_with_sigma_units_reference_and_coverage(result):
 
 
 def test_a_result_is_what_the_runner_estimates(result):
-    recording = vs.read(f"{BAG}@0:6")
+    recording = vs.read(f"{BAG}@0:4")
     plain = run(recording, vs.load_vehicle(CAR), "error_ekf").output["vsense/odometry"]
     np.testing.assert_array_equal(plain.columns["linear"], result.output["vsense/odometry"].columns["linear"])
     np.testing.assert_array_equal(plain.columns["angular"][:, 2], result["yaw_rate"].value)
@@ -114,6 +114,7 @@ def test_a_data_frame_has_names_with_units(result):
     np.testing.assert_array_equal(frame["yaw_rate [rad/s]"].to_numpy(), result["yaw_rate"].value)
 
 
+@pytest.mark.slow
 def test_a_result_prints_the_table_of_the_command(result, tmp_path):
     done = CliRunner().invoke(
         main, ["run", str(BAG), "--vehicle", CAR, "--filter", "error_ekf", "--out", str(tmp_path)]
@@ -126,6 +127,7 @@ def test_a_result_prints_the_table_of_the_command(result, tmp_path):
         assert row.rstrip() in done.output
 
 
+@pytest.mark.slow
 def test_a_picture_is_drawn_and_written(result, tmp_path):
     figure = result.plot(tmp_path / "lap.png")
     assert (tmp_path / "lap.png").read_bytes().startswith(b"\x89PNG")

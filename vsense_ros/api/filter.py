@@ -69,7 +69,7 @@ class Filter:
         self._runner = Runner(self.vehicle, map_origin, every_filter()[filter].make if filter else None)
         self._now = _FIRST_STAMP
         self._newest: tuple[int, dict[str, float], dict[str, float]] | None = None
-        self.units: dict[str, str] = {}
+        self._units: dict[str, str] = {}
 
     @property
     def time(self) -> float:
@@ -133,6 +133,12 @@ class Filter:
         return self._present()[1]
 
     @property
+    def units(self) -> dict[str, str]:
+        """Units of the signals in `state`."""
+        self._present()
+        return self._units
+
+    @property
     def sigma(self) -> dict[str, float]:
         """Their standard deviations, as far as the filter states them; infinite where the value means nothing."""
         return self._present()[2]
@@ -152,7 +158,7 @@ class Filter:
             output = as_recording(self._runner.adapter, [snapshot], Recording({}))
             for signal in read_estimates(output).values():
                 for column in (c for c in signal.columns() if not c.name.endswith("_sigma")):
-                    state[column.name], self.units[column.name] = float(column.value[0]), column.unit
+                    state[column.name], self._units[column.name] = float(column.value[0]), column.unit
                     if signal.sigma is not None:
                         sigma[column.name] = float(signal.sigma[0])
         self._newest = self._now, state, sigma

@@ -9,6 +9,7 @@ from __future__ import annotations
 import click
 
 from vsense_ros.cli import (
+    can,
     characterise,
     demo,
     design,
@@ -69,6 +70,7 @@ def main() -> None:
 
 for _command in (
     *recordings.COMMANDS,
+    *can.COMMANDS,
     *estimate.COMMANDS,
     *explain.COMMANDS,
     *identify.COMMANDS,

@@ -42,6 +42,13 @@ class _Part(BaseModel):
     model_config = ConfigDict(extra="forbid", frozen=True)
 
 
+class SignBit(_Part):
+    """A signal of the same message that says the direction of another, which is a magnitude."""
+
+    signal: str = Field(description="signal of the DBC")
+    negative: int = Field(default=1, description="its value where the magnitude counts as negative")
+
+
 class Signal(_Part):
     """From a signal of the DBC to SI: (sum of the signals × factor + offset), which is then in `unit`.
 
@@ -54,6 +61,9 @@ class Signal(_Part):
     unit: str = Field(description=f"unit after factor and offset, one of {', '.join(UNITS)}")
     factor: float = Field(default=1.0, description="unit per unit of the DBC's physical value")
     offset: float = Field(default=0.0, description="added after the factor [unit]")
+    sign: SignBit | None = Field(
+        default=None, description="signal that says the direction, where `signals` are a magnitude"
+    )
     rolling_radius: float | None = Field(
         default=None, gt=0, lt=2, description="turns a wheel's speed over ground into its angular velocity [m]"
     )
@@ -94,10 +104,10 @@ class Signal(_Part):
 class JointStateOutput(_Part):
     """A sensor_msgs/JointState made from one CAN message; other messages may give other joints of the same topic."""
 
-    kind: Literal["joint_state"]
-    topic: str = Field(min_length=1)
-    message: str
-    field: JointField
+    kind: Literal["joint_state"] = Field(description="what it is")
+    topic: str = Field(min_length=1, description="topic of the message that is made")
+    message: str = Field(description="message of the DBC, or NAME@0x123 where several have one name")
+    field: JointField = Field(description="angles and lengths are positions, torques and pressures efforts")
     joints: dict[str, Signal] = Field(min_length=1, description="joint name: signal, in the order of the message")
 
     @model_validator(mode="after")
@@ -118,11 +128,11 @@ class JointStateOutput(_Part):
 class ImuOutput(_Part):
     """A sensor_msgs/Imu made from one CAN message; axes that are not listed are NaN. Other messages may give those."""
 
-    kind: Literal["imu"]
-    topic: str = Field(min_length=1)
-    frame_id: str = Field(min_length=1)
-    message: str
-    axes: dict[ImuAxis, Signal] = Field(min_length=1)
+    kind: Literal["imu"] = Field(description="what it is")
+    topic: str = Field(min_length=1, description="topic of the message that is made")
+    frame_id: str = Field(min_length=1, description="frame of the sensor, as in the vehicle file")
+    message: str = Field(description="message of the DBC, or NAME@0x123 where several have one name")
+    axes: dict[ImuAxis, Signal] = Field(min_length=1, description="axis: signal, each with its standard deviation")
 
     @model_validator(mode="after")
     def _units(self) -> ImuOutput:
@@ -142,7 +152,7 @@ class ImuOutput(_Part):
 class CounterCheck(_Part):
     """A counter that the sender raises by one with each frame and that wraps at the width of its signal."""
 
-    signal: str
+    signal: str = Field(description="signal of the DBC")
     max_delta: int = Field(default=1, ge=1, description="largest step at which a frame is still believed")
 
 
@@ -168,8 +178,8 @@ class MessageCheck(_Part):
     rate: float | None = Field(default=None, gt=0, description="nominal rate [Hz]")
     timeout: float = Field(default=0.5, gt=0, description="silence that makes the sensor stale [s]")
     latency: float = Field(default=0.0, ge=-1, le=1, description="from the measurement to the frame's stamp [s]")
-    counter: CounterCheck | None = None
-    checksum: ChecksumCheck | None = None
+    counter: CounterCheck | None = Field(default=None, description="counter that is checked")
+    checksum: ChecksumCheck | None = Field(default=None, description="checksum that is checked")
     j1939: bool | None = Field(
         default=None, description="found by its PGN, whoever sends it; default: if the DBC says that it is of J1939"
     )
@@ -179,10 +189,12 @@ class MessageCheck(_Part):
 class CanMapping(_Part):
     """A mapping file."""
 
-    name: str = Field(min_length=1)
+    name: str = Field(min_length=1, description="for messages about it")
     bus_timeout: float = Field(default=0.5, gt=0, description="silence of the whole bus that is an error [s]")
     messages: dict[str, MessageCheck] = Field(default_factory=dict, description="by name in the DBC")
-    outputs: tuple[Annotated[JointStateOutput | ImuOutput, Field(discriminator="kind")], ...] = Field(min_length=1)
+    outputs: tuple[Annotated[JointStateOutput | ImuOutput, Field(discriminator="kind")], ...] = Field(
+        min_length=1, description="messages that are made of the frames"
+    )
 
     @model_validator(mode="after")
     def _one_source_per_topic(self) -> CanMapping:

@@ -22,6 +22,7 @@ from vsense_ros.driver.can_mapping import (
     JointStateOutput,
     MessageCheck,
     Signal,
+    SignBit,
     suggestion,
 )
 from vsense_ros.driver.can_signal import Array, Frames, SignalField
@@ -36,10 +37,11 @@ Output = JointStateOutput | ImuOutput
 
 @dataclass(frozen=True, slots=True)
 class _Conversion:
-    """A `Signal` bound to the DBC: the physical values that it sums, and one affine map to SI."""
+    """A `Signal` bound to the DBC: the physical values that it sums, their sign, and one affine map to SI."""
 
     name: str
     signals: tuple[str, ...]
+    sign: SignBit | None  # the sum is a magnitude, negative where this says so
     gain: float
     offset: float  # [SI]
     lowest: float  # [SI], before a rolling radius is applied
@@ -48,19 +50,23 @@ class _Conversion:
 
     def convert(self, physical: Mapping[str, Any]) -> tuple[Any, Any]:
         """Value in SI, and true if it is in the plausible range; of numbers or arrays."""
-        value = self.gain * sum(physical[name] for name in self.signals) + self.offset
+        total = sum(physical[name] for name in self.signals)
+        if self.sign is not None:
+            total = total * (1 - 2 * (physical[self.sign.signal] == self.sign.negative))
+        value = self.gain * total + self.offset
         return value / self.divisor, (self.lowest <= value) & (value <= self.highest)
 
 
 def _bind(name: str, signal: Signal, message: Message, where: str) -> tuple[_Conversion, list[DbcSignal]]:
     known = {s.name: s for s in message.signals}
     bound = []
-    for wanted in signal.signals:
+    for wanted in (*signal.signals, *([signal.sign.signal] if signal.sign else [])):
         if wanted not in known:
             raise InputError(
                 f"{where}, {name}: message {message.name} has no signal {wanted!r}{suggestion(wanted, known)}; "
                 f"it has {', '.join(known)}"
             )
+    for wanted in signal.signals:
         bound.append(known[wanted])
         stated = known[wanted].unit or ""
         if abs(signal.factor) == 1.0 and not signal.ignore_stated_unit and contradiction(stated, signal.unit):
@@ -73,6 +79,7 @@ def _bind(name: str, signal: Signal, message: Message, where: str) -> tuple[_Con
     conversion = _Conversion(
         name,
         signal.signals,
+        signal.sign,
         signal.factor * signal.to_si,
         signal.offset * signal.to_si,
         lowest,
@@ -193,7 +200,8 @@ class Receiver:
 
     def _needed(self, check: MessageCheck) -> list[str]:
         """Names of the signals that outputs are made of, and of the counter."""
-        names = [name for _, conversions in self.outputs for c in conversions for name in c.signals]
+        bound = [conversion for _, conversions in self.outputs for conversion in conversions]
+        names = [name for one in bound for name in (*one.signals, *([one.sign.signal] if one.sign else []))]
         return list(dict.fromkeys([*names, *([check.counter.signal] if check.counter else [])]))
 
     def _place(self, name: str, field: SignalField) -> tuple[str, SignalField, int, int, int]:

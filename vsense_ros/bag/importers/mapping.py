@@ -129,14 +129,16 @@ class Signal(_Model):
 
     column: Annotated[
         tuple[Name, ...], BeforeValidator(lambda v: tuple(v) if isinstance(v, list | tuple) else (v,))
-    ] = Field(min_length=1)
-    group: int | None = None
-    unit: str | None = None
-    scale: float = 1.0
-    offset: float = 0.0
-    sign: Literal[1, -1] = 1
-    radius: Annotated[float, Field(gt=0)] | None = None
-    ignore_stated_unit: bool = False
+    ] = Field(min_length=1, description="column by its name, or by its number from 1; several are averaged")
+    group: int | None = Field(default=None, description="group of channels in a measurement file")
+    unit: str | None = Field(default=None, description="unit after scale and offset; default: that of the source")
+    scale: float = Field(default=1.0, description="unit per raw value")
+    offset: float = Field(default=0.0, description="added after the scale [unit]")
+    sign: Literal[1, -1] = Field(default=1, description="-1 where positive is not as in ISO 8855")
+    radius: Annotated[float, Field(gt=0)] | None = Field(
+        default=None, description="turns a wheel's speed over ground into its angular velocity [m]"
+    )
+    ignore_stated_unit: bool = Field(default=False, description="the unit that the source states is wrong")
 
     @property
     def refs(self) -> tuple[Ref, ...]:
@@ -170,10 +172,10 @@ FieldMapping = Annotated[
 class Time(_Model):
     """The time column. Measurement files bring their own time; there `column` is left out."""
 
-    column: Name | None = None
-    unit: str = "s"
-    start: datetime | None = None
-    week: Name | None = None  # of GPS time: its number, or the name of a column
+    column: Name | None = Field(default=None, description="column by its name, or by its number from 1")
+    unit: str = Field(default="s", description="s, ms, us, ns, min, h, or iso, hms, hhmmss, gps")
+    start: datetime | None = Field(default=None, description="time of t = 0; without it t is Unix time")
+    week: Name | None = Field(default=None, description="GPS week: its number, or the name of a column")
 
     @property
     def base(self) -> int:
@@ -189,24 +191,26 @@ class Time(_Model):
 class Origin(_Model):
     """Where local positions are counted from."""
 
-    latitude: Annotated[float, Field(ge=-90, le=90)]
-    longitude: Annotated[float, Field(ge=-180, le=180)]
-    altitude: float = 0.0
+    latitude: Annotated[float, Field(ge=-90, le=90)] = Field(description="[deg]")
+    longitude: Annotated[float, Field(ge=-180, le=180)] = Field(description="[deg]")
+    altitude: float = Field(default=0.0, description="above the ellipsoid [m]")
 
 
 class ColumnMapping(_Model):
     """A mapping file."""
 
-    time: Time = Time()
-    delimiter: Annotated[str, Field(min_length=1, max_length=1)] = ","
-    decimal: Literal[".", ","] = "."
-    skip_lines: Annotated[int, Field(ge=0)] = 0
-    encoding: str | None = None
-    missing: tuple[str, ...] = ()
-    units_line: bool | None = None  # below the header; None: if it looks like one
-    comment: str | None = None
-    origin: Origin | None = None
-    topics: dict[str, dict[str, FieldMapping]]
+    time: Time = Field(default=Time(), description="the column of time; measurement files have their own")
+    delimiter: Annotated[str, Field(min_length=1, max_length=1)] = Field(default=",", description="between columns")
+    decimal: Literal[".", ","] = Field(default=".", description="decimal sign")
+    skip_lines: Annotated[int, Field(ge=0)] = Field(default=0, description="lines above the header")
+    encoding: str | None = Field(default=None, description="of the text; default: UTF-8, else Windows-1252")
+    missing: tuple[str, ...] = Field(default=(), description="texts that stand for no value")
+    units_line: bool | None = Field(
+        default=None, description="units stand in a line below the header; default: if it looks like one"
+    )
+    comment: str | None = Field(default=None, description="beginning of lines that are left out")
+    origin: Origin | None = Field(default=None, description="where local positions are counted from")
+    topics: dict[str, dict[str, FieldMapping]] = Field(description="topics, their fields, and the signals of these")
 
     def columns(self) -> list[Ref]:
         """All columns that topics use."""

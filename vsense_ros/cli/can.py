@@ -1,0 +1,51 @@
+"""Look at what is on a CAN bus."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import click
+
+from vsense_ros.cli.common import EXISTING, NEW_FILE
+
+
+@click.command()
+@click.argument("log", type=EXISTING)
+@click.option("--dbc", "databases", multiple=True, type=EXISTING, metavar="FILE", help="Database; repeatable.")
+@click.option("--output", type=NEW_FILE, metavar="FILE", help="Write the proposed mapping to FILE.")
+@click.option("--all", "every", is_flag=True, help="List the signals of all messages.")
+def can(log: Path, databases: tuple[Path, ...], output: Path | None, every: bool) -> None:
+    """Show what is on the bus of a CAN log, and which signals measure the motion of the car.
+
+    Identifiers and rates; with a database also signals with their ranges, and which of them look like wheel speeds,
+    steering angle, yaw rate, accelerations and speed. They are recognized by names (English, German, French), units and
+    values, and by what must hold among them: wheels agree with each other and with the speed, the yaw rate follows from
+    their differences, the lateral acceleration from speed and yaw rate, the steering angle from yaw rate over speed.
+    With --output the proposal is written as a mapping for `vsense import`, with comments on what is to be looked at.
+
+    \b
+    Examples:
+      vsense can drive.blf
+      vsense can drive.blf --dbc car.dbc --output car.yaml
+      vsense import drive.blf drive --dbc car.dbc --mapping car.yaml
+    """
+    from vsense_ros.api.can import survey_can
+    from vsense_ros.bag.can_table import show
+    from vsense_ros.errors import InputError
+    from vsense_ros.evaluate.terminal import console, say, waiting
+    from vsense_ros.files.atomic import atomic_write
+
+    if output is not None and not databases:
+        raise InputError("--output needs a database (--dbc FILE): without it nothing says what the bytes mean")
+    with waiting(f"reading {log.name}"):
+        found = survey_can(log, databases)
+    show(found.survey, found.roles, console(), every=every)
+    if output is None:
+        return
+    text = found.mapping()
+    with atomic_write(output) as file:
+        file.write(text)
+    say(f"Mapping written to {output}: look at its comments, then `vsense import` takes it with --mapping.")
+
+
+COMMANDS = (can,)
