@@ -26,6 +26,7 @@ from vsense_ros.bag.can_names import WHEEL_SIDES
 from vsense_ros.bag.can_roles import Recognized, Roles
 from vsense_ros.bag.importers import import_recording
 from vsense_ros.driver.can_database import read_database
+from vsense_ros.driver.can_signal import SignalField
 from vsense_ros.errors import InputError
 from vsense_ros.messages.units import to_si
 
@@ -35,6 +36,7 @@ ROLES = ("wheels", "steering_wheel", "yaw_rate", "lateral_acceleration", "longit
 _IMPORT = re.compile(r'CM_ "IMPORT (.*?)";\n')
 _DURATION, _RATE, _OTHER_RATE = 60.0, 25.0, 1.0  # [s], [Hz] of the messages that count, and of all others
 _RADIUS = 0.33  # [m]
+_BEGIN = 1_700_000_000  # [s] Unix time
 
 
 @dataclass(frozen=True)
@@ -352,35 +354,45 @@ def candump(dbc: Path, car: Car, truth: Mapping[str, Array], rng: np.random.Gene
 def _frames(
     message: Message, mine: Mapping[str, Array], time: Array, step: int, rng: np.random.Generator
 ) -> list[tuple[float, str]]:
+    """Frames of a message with the signals in `mine`, and in those bits that are left with whatever other signals."""
     rows = np.arange(0, len(time), step)
-    columns = {}
-    for signal in message.signals:
-        low, high = _raw_range(signal)
-        raw: Array
-        if signal.name in mine:
-            raw = np.round((mine[signal.name][rows] - float(signal.offset)) / float(signal.scale))
+    fields = {signal.name: SignalField.of(signal, message) for signal in message.signals}
+    taken, columns = 0, []
+    for name in sorted(fields, key=lambda one: one not in mine):
+        field = fields[name]
+        if field.last >= message.length:
+            continue
+        mask = _placed((1 << field.length) - 1, field, message.length)
+        if mask & taken:
+            continue
+        taken |= mask
+        low, high = field.raw_range
+        if name in mine:
+            raw = np.clip(np.round((mine[name][rows] - field.offset) / field.scale), low, high).astype(object)
         elif rng.uniform() < 0.5:
-            raw = np.full(len(rows), float(rng.integers(low, min(high, low + 2**31), endpoint=True)))
+            raw = np.full(len(rows), int(rng.integers(low, min(high, low + 2**31), endpoint=True)), dtype=object)
         else:
-            raw = low + np.mod(np.cumsum(rng.integers(-3, 4, len(rows))), float(high - low + 1))
-        columns[signal.name] = np.clip(raw, low, high)
+            walk = np.cumsum(rng.integers(-3, 4, len(rows))).astype(object)
+            raw = low + walk % (high - low + 1)
+        columns.append((field, raw))
     delay = rng.uniform(0, 1 / _RATE)
+    width, mark = 8 if message.is_extended_frame else 3, "##0" if message.length > 8 else "#"
     found = []
     for row, index in enumerate(rows):
-        try:
-            data = message.encode({name: int(v[row]) for name, v in columns.items()}, scaling=False, strict=False)
-        except Exception:  # what cantools cannot encode, as a page of a multiplexer that does not exist, is not sent
-            return []
-        at = 1_700_000_000 + time[index] + delay
-        width = 8 if message.is_extended_frame else 3
-        mark = "##0" if len(data) > 8 else "#"
-        found.append((at, f"({at:.6f}) can0 {message.frame_id:0{width}X}{mark}{data.hex().upper()}\n"))
+        bits = 0
+        for field, raw in columns:
+            bits |= _placed(int(raw[row]) & ((1 << field.length) - 1), field, message.length)
+        data = bits.to_bytes(message.length, "big").hex().upper()
+        at = _BEGIN + time[index] + delay
+        found.append((at, f"({at:.6f}) can0 {message.frame_id:0{width}X}{mark}{data}\n"))
     return found
 
 
-def _raw_range(signal: Any) -> tuple[int, int]:
-    half = 1 << (signal.length - 1)
-    return (-half, half - 1) if signal.is_signed else (0, 2 * half - 1)
+def _placed(raw: int, field: SignalField, length: int) -> int:
+    """The bits of a signal in its place in the data of a message, as one number, first byte first."""
+    if field.big_endian:
+        return raw << (field.shift + 8 * (length - 1 - field.last))
+    return int.from_bytes((raw << (field.shift + 8 * field.first)).to_bytes(length + 8, "little")[:length], "big")
 
 
 def _is_found(roles: Roles, role: str, carriers: tuple[str, ...]) -> bool:
@@ -415,7 +427,7 @@ def _errors(recording: Any, truth: Mapping[str, Array]) -> dict[str, float]:
         if covariance is not None:
             good &= covariance[:, 0] != -1  # parts of the message that another frame gives
         if good.any():
-            at = channel.stamp[good] * 1e-9 - 1_700_000_000
+            at = channel.stamp[good] * 1e-9 - _BEGIN
             expected = np.interp(at, truth["time"], truth[role])
             found[role] = float(np.std(values[good] - expected) / np.std(truth[role]))
     return found

@@ -105,10 +105,12 @@ def _words(kind: Any) -> str:
         return _words(inner[0])
     if origin is Literal:
         return _codes(str(value) for value in inner)
+    if origin in (Union, types.UnionType) and BaseModel in {getattr(one, "__base__", None) for one in inner}:
+        return "see below"
     if origin in (Union, types.UnionType):
         return " or ".join(dict.fromkeys(_words(one) for one in inner if one is not type(None)))
     if origin is dict:
-        return f"{_words(inner[1])}, by {'its' if inner[1] is not Any else ''} name".replace("  ", " ")
+        return f"{_words(inner[1])}, by its name"
     if origin in (tuple, list):
         items = [one for one in inner if one is not Ellipsis]
         if origin is tuple and Ellipsis not in inner and len(items) > 1:

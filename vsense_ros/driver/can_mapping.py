@@ -187,7 +187,7 @@ class MessageCheck(_Part):
 
 
 class CanMapping(_Part):
-    """A mapping file."""
+    """The mapping of a CAN bus."""
 
     name: str = Field(min_length=1, description="for messages about it")
     bus_timeout: float = Field(default=0.5, gt=0, description="silence of the whole bus that is an error [s]")

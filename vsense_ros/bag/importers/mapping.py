@@ -197,7 +197,7 @@ class Origin(_Model):
 
 
 class ColumnMapping(_Model):
-    """A mapping file."""
+    """The mapping of a table or a measurement file."""
 
     time: Time = Field(default=Time(), description="the column of time; measurement files have their own")
     delimiter: Annotated[str, Field(min_length=1, max_length=1)] = Field(default=",", description="between columns")
