@@ -9,6 +9,7 @@ from importlib.util import find_spec
 from pathlib import Path
 
 import architecture
+import mappings_page
 
 from vsense_ros.files import schema
 from vsense_ros.mismatch import answer_schema
@@ -33,6 +34,7 @@ PAGES: dict[str, Callable[[], str]] = {
     "architecture.svg": architecture.picture,
     "explain.schema.json": explain_schema,
     "nodes.md": nodes,
+    "reference/mappings.md": mappings_page.page,
     "vehicle_parameters.md": schema.page,
 }
 

@@ -26,6 +26,8 @@ is made from the code that reads them.
 Whatever the file has, messages are in SI units and the axes of ISO 8855: forward, left, up, turning left positive.
 """
 
+_BELOW, _BY_NAME = "see below", ", by its name"
+
 
 def page() -> str:
     """The page as Markdown."""
@@ -105,12 +107,11 @@ def _words(kind: Any) -> str:
         return _words(inner[0])
     if origin is Literal:
         return _codes(str(value) for value in inner)
-    if origin in (Union, types.UnionType) and BaseModel in {getattr(one, "__base__", None) for one in inner}:
-        return "see below"
     if origin in (Union, types.UnionType):
-        return " or ".join(dict.fromkeys(_words(one) for one in inner if one is not type(None)))
+        parts = dict.fromkeys(_words(one) for one in inner if one is not type(None))
+        return " or ".join(parts) if not any(part.startswith(_BELOW) for part in parts) else _BELOW
     if origin is dict:
-        return f"{_words(inner[1])}, by its name"
+        return f"{_words(inner[1]).removesuffix(_BY_NAME)}{_BY_NAME}"
     if origin in (tuple, list):
         items = [one for one in inner if one is not Ellipsis]
         if origin is tuple and Ellipsis not in inner and len(items) > 1:
@@ -119,7 +120,7 @@ def _words(kind: Any) -> str:
     names = {str: "text", int: "whole number", float: "number", bool: "`true` or `false`"}
     if kind in names:
         return names[kind]
-    return "date and time" if getattr(kind, "__name__", "") == "datetime" else "see below"
+    return "date and time" if getattr(kind, "__name__", "") == "datetime" else _BELOW
 
 
 def _codes(words: Iterable[str]) -> str:

@@ -14,7 +14,7 @@ from hypothesis import strategies as st
 from vsense_ros.cli import main
 from vsense_ros.errors import InputError
 from vsense_ros.files.vehicle import load_vehicle, save_vehicle
-from vsense_ros.identify.characterise import by_file
+from vsense_ros.identification.characterise import by_file
 from vsense_ros.manoeuvre.driver import understeer_gradient
 from vsense_ros.mismatch.candidates import base_parameters
 from vsense_ros.model.constants import GRAVITY
