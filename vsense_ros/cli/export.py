@@ -208,15 +208,15 @@ def export_fmu(
 def export_results(source: Path, target: Path) -> None:
     """Write what was estimated, or a recording, as a file for other programs.
 
-    SOURCE is the folder of a run, its output bag, or any recording that `vsense import` understands. Estimates are
-    written as signals with their standard deviations, named with their units: `side_slip [rad]`,
-    `side_slip_sigma [rad]`. `time [s]` counts from the first row, `stamp [ns]` since the Unix epoch. Of a recording
-    without estimates all signals are written, with empty places at times at which they were not measured.
-
     \b
     Examples:
       vsense export-results out/run/double_lane_change --to lane_change.csv
       vsense export-results bags/step_steer --to step_steer.mf4
+
+    SOURCE is the folder of a run, its output bag, or any recording that `vsense import` understands. Estimates are
+    written as signals with their standard deviations, named with their units: `side_slip [rad]`,
+    `side_slip_sigma [rad]`. `time [s]` counts from the first row, `stamp [ns]` since the Unix epoch. Of a recording
+    without estimates all signals are written, with empty places at times at which they were not measured.
     """
     from vsense_ros.api.recording import read
     from vsense_ros.api.result import export_results as written

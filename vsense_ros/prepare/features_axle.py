@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 from math import pi, sqrt
 
-from vsense_ros.identify.handling_values import similar
+from vsense_ros.identification.handling_values import similar
 from vsense_ros.model.constants import GRAVITY
 from vsense_ros.model.handling.base import slopes, static_loads
 from vsense_ros.model.schema.physics import Axle
