@@ -198,7 +198,7 @@ def test_a_jumping_counter_costs_one_frame_and_lost_frames_are_counted():
     assert found.values["lost by the counter"] == "1"
 
 
-def test_a_signal_outside_its_range_is_reported_and_the_frame_dropped():
+def test_signals_outside_their_range_are_reported_and_dropped():
     subject = decoder()
     assert subject.feed(wheels(0, 350.0)) == []
     assert "FL out of range [0, 300]" in health(subject, "WHEELS", START).message

@@ -17,6 +17,7 @@ from typing import Any
 
 from recordings import formats, planted
 from recordings.cases import CASES
+from recordings.further_cases import FURTHER_CASES
 from vsense_ros.bag import read_bag, write_bag
 from vsense_ros.bag.importers import import_recording
 from vsense_ros.checks.inspect import inspect
@@ -30,8 +31,9 @@ SECONDS = 1500.0  # of the drive of which the formats are timed: 150,000 rows, 3
 def run_cases() -> dict[str, bool]:
     """Whether each case gives what is expected."""
     found = {}
+    cases = CASES | FURTHER_CASES
     with progress("cases") as done:
-        for number, (name, case) in enumerate(CASES.items(), 1):
+        for number, (name, case) in enumerate(cases.items(), 1):
             with TemporaryDirectory() as folder:
                 try:
                     case(Path(folder))
@@ -39,7 +41,7 @@ def run_cases() -> dict[str, bool]:
                 except Exception:  # a case may fail in any way
                     traceback.print_exc()
                     found[name] = False
-            done(number / len(CASES))
+            done(number / len(cases))
     return found
 
 

@@ -7,8 +7,11 @@ from pathlib import Path
 import pytest
 
 from recordings.cases import CASES
+from recordings.further_cases import FURTHER_CASES
+
+ALL = CASES | FURTHER_CASES
 
 
-@pytest.mark.parametrize("name", CASES)
+@pytest.mark.parametrize("name", ALL)
 def test_a_reported_case_gives_what_is_expected(name: str, tmp_path: Path) -> None:
-    CASES[name](tmp_path)
+    ALL[name](tmp_path)

@@ -90,12 +90,12 @@ class CanDecoder:
         """Listen to a message that the mapping calls by `name`."""
         outputs = [output for output in self.mapping.outputs if output.message == name]
         check = self.mapping.messages.get(name, MessageCheck())
-        receiver = Receiver(message, check, outputs, self._where)
-        self._receivers[message.frame_id, message.is_extended_frame] = receiver
         # The null address, which never sends, stands in databases of J1939 for any.
-        of_j1939 = message.protocol == "j1939" or message.frame_id & 0xFF == 0xFE
-        if message.is_extended_frame and (of_j1939 if check.j1939 is None else check.j1939):
-            receiver.by_group = True
+        said_so = message.protocol == "j1939" or message.frame_id & 0xFF == 0xFE
+        of_j1939 = message.is_extended_frame and (said_so if check.j1939 is None else check.j1939)
+        receiver = Receiver(message, check, outputs, self._where, of_j1939=of_j1939)
+        self._receivers[message.frame_id, message.is_extended_frame] = receiver
+        if of_j1939:
             self._by_pgn[_pgn(message.frame_id)] = receiver
         return receiver
 

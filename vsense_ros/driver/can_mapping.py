@@ -42,11 +42,25 @@ class _Part(BaseModel):
     model_config = ConfigDict(extra="forbid", frozen=True)
 
 
+_Values = Annotated[
+    tuple[float | str, ...], BeforeValidator(lambda v: tuple(v) if isinstance(v, list | tuple) else (v,))
+]
+
+
+class Valid(_Part):
+    """A signal of the same message that says whether a value may be believed, as quality flags do."""
+
+    signal: str = Field(description="signal of the DBC")
+    values: _Values = Field(description="numbers or names (VAL_) at which the value is believed", min_length=1)
+
+
 class SignBit(_Part):
     """A signal of the same message that says the direction of another, which is a magnitude."""
 
     signal: str = Field(description="signal of the DBC")
-    negative: int = Field(default=1, description="its value where the magnitude counts as negative")
+    negative: _Values = Field(
+        default=(1,), description="its numbers or names (VAL_) where the magnitude counts as negative", min_length=1
+    )
 
 
 class Signal(_Part):
@@ -72,6 +86,7 @@ class Signal(_Part):
     )
     standard_deviation: float | None = Field(default=None, gt=0, description="of the noise [SI]; for Imu messages")
     ignore_stated_unit: bool = Field(default=False, description="the unit that the DBC gives is wrong")
+    valid: Valid | None = Field(default=None, description="when the value is believed")
 
     @model_validator(mode="after")
     def _consistent(self) -> Signal:
@@ -101,12 +116,22 @@ class Signal(_Part):
         return "rad/s" if self.rolling_radius is not None else self.si_unit
 
 
-class JointStateOutput(_Part):
+class _Output(_Part):
+    """What outputs of all kinds have."""
+
+    topic: str = Field(min_length=1, description="topic of the message that is made")
+    message: str = Field(description="message of the DBC, or NAME@0x123 where several have one name")
+    valid: Valid | None = Field(default=None, description="when all of its values are believed")
+
+    def named_signals(self) -> dict[str, Signal]:
+        """Signals by the name of the value that each gives."""
+        raise NotImplementedError
+
+
+class JointStateOutput(_Output):
     """A sensor_msgs/JointState made from one CAN message; other messages may give other joints of the same topic."""
 
     kind: Literal["joint_state"] = Field(description="what it is")
-    topic: str = Field(min_length=1, description="topic of the message that is made")
-    message: str = Field(description="message of the DBC, or NAME@0x123 where several have one name")
     field: JointField = Field(description="angles and lengths are positions, torques and pressures efforts")
     joints: dict[str, Signal] = Field(min_length=1, description="joint name: signal, in the order of the message")
 
@@ -125,13 +150,11 @@ class JointStateOutput(_Part):
         return self.joints
 
 
-class ImuOutput(_Part):
+class ImuOutput(_Output):
     """A sensor_msgs/Imu made from one CAN message; axes that are not listed are NaN. Other messages may give those."""
 
     kind: Literal["imu"] = Field(description="what it is")
-    topic: str = Field(min_length=1, description="topic of the message that is made")
     frame_id: str = Field(min_length=1, description="frame of the sensor, as in the vehicle file")
-    message: str = Field(description="message of the DBC, or NAME@0x123 where several have one name")
     axes: dict[ImuAxis, Signal] = Field(min_length=1, description="axis: signal, each with its standard deviation")
 
     @model_validator(mode="after")

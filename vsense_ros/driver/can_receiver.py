@@ -22,10 +22,11 @@ from vsense_ros.driver.can_mapping import (
     JointStateOutput,
     MessageCheck,
     Signal,
-    SignBit,
+    Valid,
     suggestion,
 )
 from vsense_ros.driver.can_signal import Array, Frames, SignalField
+from vsense_ros.driver.can_validity import Validity
 from vsense_ros.driver.monitor import NANO, StreamLimits, StreamMonitor
 from vsense_ros.errors import InputError
 from vsense_ros.messages.diagnostic import Diagnostic
@@ -36,87 +37,101 @@ Output = JointStateOutput | ImuOutput
 
 
 @dataclass(frozen=True, slots=True)
+class _Flag:
+    """Numbers of another signal, which say something of a value."""
+
+    signal: str
+    numbers: frozenset[float]
+
+    def of(self, physical: Mapping[str, Any]) -> Any:
+        """True where the signal has one of the numbers; of a number or an array."""
+        value = physical[self.signal]
+        return np.isin(value, list(self.numbers)) if isinstance(value, np.ndarray) else value in self.numbers
+
+
+@dataclass(frozen=True, slots=True)
 class _Conversion:
-    """A `Signal` bound to the DBC: the physical values that it sums, their sign, and one affine map to SI."""
+    """A `Signal` bound to the DBC: the physical values that it sums, and one affine map to SI."""
 
     name: str
     signals: tuple[str, ...]
-    sign: SignBit | None  # the sum is a magnitude, negative where this says so
     gain: float
     offset: float  # [SI]
     lowest: float  # [SI], before a rolling radius is applied
     highest: float
     divisor: float  # rolling radius [m] or 1
+    valid: tuple[_Flag, ...] = ()
+    negative: _Flag | None = None
 
     def convert(self, physical: Mapping[str, Any]) -> tuple[Any, Any]:
         """Value in SI, and true if it is in the plausible range; of numbers or arrays."""
-        total = sum(physical[name] for name in self.signals)
-        if self.sign is not None:
-            total = total * (1 - 2 * (physical[self.sign.signal] == self.sign.negative))
-        value = self.gain * total + self.offset
+        value = physical[self.signals[0]]
+        for name in self.signals[1:]:
+            value = value + physical[name]
+        if self.negative is not None:
+            value = value * (1.0 - 2.0 * self.negative.of(physical))
+        value = self.gain * value + self.offset
         return value / self.divisor, (self.lowest <= value) & (value <= self.highest)
 
+    @property
+    def flags(self) -> tuple[_Flag, ...]:
+        """The signals besides those that are summed."""
+        return self.valid if self.negative is None else (*self.valid, self.negative)
 
-def _bind(name: str, signal: Signal, message: Message, where: str) -> tuple[_Conversion, list[DbcSignal]]:
-    known = {s.name: s for s in message.signals}
-    bound = []
-    for wanted in (*signal.signals, *([signal.sign.signal] if signal.sign else [])):
-        if wanted not in known:
+
+class _Binder:
+    """Binds the signals that a mapping names to those of a message."""
+
+    def __init__(self, message: Message, where: str) -> None:
+        self._message, self._where = message, where
+        self._known = {s.name: s for s in message.signals}
+
+    def signal(self, name: str, wanted: str) -> DbcSignal:
+        """A signal of the message, for the value `name`."""
+        if wanted not in self._known:
             raise InputError(
-                f"{where}, {name}: message {message.name} has no signal {wanted!r}{suggestion(wanted, known)}; "
-                f"it has {', '.join(known)}"
+                f"{self._where}, {name}: message {self._message.name} has no signal {wanted!r}"
+                f"{suggestion(wanted, self._known)}; it has {', '.join(self._known)}"
             )
-    for wanted in signal.signals:
-        bound.append(known[wanted])
-        stated = known[wanted].unit or ""
-        if abs(signal.factor) == 1.0 and not signal.ignore_stated_unit and contradiction(stated, signal.unit):
-            raise InputError(
-                f"{where}, {name}: the database gives {message.name}.{wanted} in {stated!r}, the mapping says "
-                f"{signal.unit!r}; correct the unit, state the factor between the two, or where the database is wrong, "
-                "ignore_stated_unit: true"
-            )
-    lowest, highest = (bound_ * signal.to_si for bound_ in signal.range) if signal.range else (-math.inf, math.inf)
-    conversion = _Conversion(
-        name,
-        signal.signals,
-        signal.sign,
-        signal.factor * signal.to_si,
-        signal.offset * signal.to_si,
-        lowest,
-        highest,
-        signal.rolling_radius or 1.0,
-    )
-    return conversion, [] if signal.range else bound
+        return self._known[wanted]
 
+    def flag(self, name: str, wanted: str, values: tuple[float | str, ...]) -> _Flag:
+        """The numbers of a signal that are given as numbers or by their names in the database."""
+        signal = self.signal(name, wanted)
+        scale, offset = float(signal.scale), float(signal.offset)
+        named = {str(text): float(raw) * scale + offset for raw, text in (signal.choices or {}).items()}
+        numbers = set()
+        for value in values:
+            if isinstance(value, str) and value not in named:
+                raise InputError(
+                    f"{self._where}, {name}: signal {wanted} has no value named {value!r}{suggestion(value, named)}; "
+                    f"it has {', '.join(named) or 'none with a name'}"
+                )
+            numbers.add(named[value] if isinstance(value, str) else float(value))
+        return _Flag(wanted, frozenset(numbers))
 
-@dataclass(frozen=True, slots=True)
-class _Range:
-    """The plausible physical values of a signal, as its database gives them, widened by half a step."""
-
-    lowest: float
-    highest: float
-    text: str
-
-
-def _range_of(signal: DbcSignal, field: SignalField) -> tuple[_Range | None, str]:
-    """The range that a database gives; None with the reason where it contradicts the signal's own scale and offset."""
-    if signal.minimum is None or signal.maximum is None or not signal.minimum < signal.maximum:
-        return None, ""
-    lowest, highest = float(signal.minimum), float(signal.maximum)
-    text = f"[{signal.minimum}, {signal.maximum}]"
-    slack = 0.5 * abs(field.scale)
-    least, most = field.representable
-    if field.is_float:
-        return _Range(lowest, highest, text), ""
-    counts = (lowest, highest) in (field.raw_range, (0.0, float(field.raw_range[1])))
-    if lowest < least - 2 * slack or highest > most + 2 * slack or (counts and (field.scale, field.offset) != (1, 0)):
-        return None, (
-            f"range {text} of {signal.name} is not used: with its scale {field.scale:g} and offset {field.offset:g} "
-            f"it goes from {least:g} to {most:g}"
+    def conversion(self, name: str, signal: Signal, valid: Valid | None) -> _Conversion:
+        """A signal of the mapping, of an output whose values are believed where `valid` says so."""
+        for wanted in signal.signals:
+            stated = self.signal(name, wanted).unit or ""
+            if abs(signal.factor) == 1.0 and not signal.ignore_stated_unit and contradiction(stated, signal.unit):
+                raise InputError(
+                    f"{self._where}, {name}: the database gives {self._message.name}.{wanted} in "
+                    f"{stated!r}, the mapping says {signal.unit!r}; correct the unit, state the factor between the "
+                    "two, or where the database is wrong, ignore_stated_unit: true"
+                )
+        lowest, highest = (bound * signal.to_si for bound in signal.range) if signal.range else (-math.inf, math.inf)
+        return _Conversion(
+            name,
+            signal.signals,
+            signal.factor * signal.to_si,
+            signal.offset * signal.to_si,
+            lowest,
+            highest,
+            signal.rolling_radius or 1.0,
+            tuple(self.flag(name, v.signal, v.values) for v in (valid, signal.valid) if v is not None),
+            None if signal.sign is None else self.flag(name, signal.sign.signal, signal.sign.negative),
         )
-    if (lowest, highest) == (0.0, 1.0) and field.length > 1 and signal.unit:
-        return None, f"range {text} of {signal.name} is not used: it has {field.length} bits and a unit"
-    return _Range(lowest - slack, highest + slack, text), ""
 
 
 class _CounterState:
@@ -148,21 +163,38 @@ class _CounterState:
         return None
 
 
-class Receiver:
-    """One message of the bus: its checks and the outputs made from it."""
+# Name of a signal, where it is in the data as one number (byte order, shift, mask, bit of the sign), its scale and
+# offset, its usual values, its codes for no value, and its field if it is a floating-point number.
+_Place = tuple[str, bool, int, int, int, float, float, float, float, dict[int, str], SignalField | None]
 
-    def __init__(self, message: Message, check: MessageCheck, outputs: list[Output], where: str) -> None:
+
+class Receiver:
+    """One message of the bus: its checks and the outputs made from it. One of J1939 has its codes for no value."""
+
+    def __init__(
+        self, message: Message, check: MessageCheck, outputs: list[Output], where: str, *, of_j1939: bool = False
+    ) -> None:
         self.message = message
         self.outputs: list[tuple[Output, list[_Conversion]]] = []
         self.notes: list[str] = []
-        self.ranges: dict[str, _Range] = {}
+        ranged: dict[str, bool] = {}  # signals that values are made of, and if their range in the database holds
         for output in outputs:
-            self.outputs.append((output, self._bound(output, where)))
+            binder = _Binder(message, f"{where}, {output.topic}")
+            named = output.named_signals()
+            self.outputs.append((output, [binder.conversion(name, s, output.valid) for name, s in named.items()]))
+            for signal in named.values():
+                for name in signal.signals:
+                    ranged[name] = ranged.get(name, False) or signal.range is None
         self.exact_length = check.length
         self.length = message.length if check.length is None else check.length
         self.counter = _CounterState(check.counter, message, where) if check.counter else None
         known = {s.name: s for s in message.signals}
         self.fields = {name: SignalField.of(known[name], message) for name in self._needed(check)}
+        self.validity: dict[str, Validity] = {}
+        for name, is_ranged in ranged.items():
+            field = self.fields[name]
+            self.validity[name], doubt = Validity.of(known[name], field, j1939=of_j1939, ranged=is_ranged)
+            self.notes += [doubt] if doubt else []
         # On which page of a multiplexed message all are present.
         self.paged = [field for field in self.fields.values() if field.pages]
         beyond = [field.name for field in self.fields.values() if field.last >= self.length]
@@ -171,43 +203,34 @@ class Receiver:
                 f"{where}: {message.name} with {self.length} data bytes has no room for {', '.join(beyond)}"
             )
         self.places = [self._place(name, field) for name, field in self.fields.items()]
+        self._before: dict[str, float] = {}  # the latest value of each signal
         self.latency = round(check.latency * NANO)
         self.checksum = check.checksum
         if self.checksum is not None and not -1 <= self.checksum.byte < self.length:
             raise InputError(
                 f"{where}: checksum byte {self.checksum.byte} of {message.name} is outside its {self.length} bytes"
             )
-        self.by_group = False  # recognised by the parameter group of J1939, from the unit `source`
+        self.by_group = of_j1939  # recognised by the parameter group of J1939, from the unit `source`
         self.source = check.source
         self.source_is_given = check.source is not None
         topics = ", ".join(output.topic for output in outputs)
         limits = StreamLimits(timeout=check.timeout, nominal_rate=check.rate)
         self.monitor = StreamMonitor(f"can: {topics} ({message.name}, 0x{message.frame_id:X})", limits)
 
-    def _bound(self, output: Output, where: str) -> list[_Conversion]:
-        """The conversions of an output, whose signals' ranges become those that are checked."""
-        conversions = []
-        for name, signal in output.named_signals().items():
-            conversion, checked = _bind(name, signal, self.message, f"{where}, {output.topic}")
-            conversions.append(conversion)
-            for stated in checked:
-                limits, doubt = _range_of(stated, SignalField.of(stated, self.message))
-                if limits is not None:
-                    self.ranges[stated.name] = limits
-                elif doubt and doubt not in self.notes:
-                    self.notes.append(doubt)
-        return conversions
-
     def _needed(self, check: MessageCheck) -> list[str]:
-        """Names of the signals that outputs are made of, and of the counter."""
-        bound = [conversion for _, conversions in self.outputs for conversion in conversions]
-        names = [name for one in bound for name in (*one.signals, *([one.sign.signal] if one.sign else []))]
+        """Names of the signals that outputs are made of, of those that judge them, and of the counter."""
+        conversions = [c for _, conversions in self.outputs for c in conversions]
+        names = [name for c in conversions for name in (*c.signals, *(flag.signal for flag in c.flags))]
         return list(dict.fromkeys([*names, *([check.counter.signal] if check.counter else [])]))
 
-    def _place(self, name: str, field: SignalField) -> tuple[str, SignalField, int, int, int]:
-        """Name and field of a signal, and where it is in the data as one number: shift, mask, and bit of the sign."""
+    def _place(self, name: str, field: SignalField) -> _Place:
         shift = field.shift + 8 * (self.length - 1 - field.last if field.big_endian else field.first)
-        return name, field, shift, (1 << field.length) - 1, 1 << (field.length - 1) if field.is_signed else 0
+        sign = 1 << (field.length - 1) if field.is_signed else 0
+        validity = self.validity.get(name) or Validity(name, {})
+        bounds = validity.usual(field.scale, field.offset)
+        mask = (1 << field.length) - 1
+        floating = field if field.is_float else None
+        return name, field.big_endian, shift, mask, sign, field.scale, field.offset, *bounds, validity.codes, floating
 
     def objection(self, data: bytes) -> str | None:
         """Why the data is not believed before its signals are looked at. CAN FD knows few lengths and fills up to the
@@ -224,68 +247,97 @@ class Receiver:
         return None
 
     def feed(self, message: can.Message, received: int | None) -> list[Sample]:
-        """Samples of one frame, or none if it is not believed; times as in `CanDecoder.feed`."""
+        """Samples of one frame, or none if it is not believed; times as in `CanDecoder.feed`.
+
+        A signal that has no value costs the values made of it, and the others stay.
+        """
         arrival = round(message.timestamp * NANO)
         at = arrival if received is None else received
         monitor = self.monitor
         data = bytes(message.data)
         reason = self.objection(data)
-        physical: dict[str, float] = {}
-        if reason is None:
-            if self.paged and not all(field.has(data) for field in self.paged):
-                monitor.passed("other multiplexer page")
-                return []
-            physical = self._physical(data)
-        if reason is None and self.counter is not None:
-            reason = self.counter.objection(int(physical[self.counter.check.signal]))
-        if reason is None:
-            reason = self._out_of_range(physical)
-        made: list[tuple[Output, dict[str, float]]] = []
-        if reason is None:
-            for output, conversions in self.outputs:
-                values = {}
-                for conversion in conversions:
-                    values[conversion.name], plausible = conversion.convert(physical)
-                    if not plausible:
-                        reason = f"{conversion.name} out of range"
-                made.append((output, values))
         if reason is not None:
             monitor.fault(reason, at)
             return []
-        if not monitor.accept(arrival, received):
+        if self.paged and not all(field.has(data) for field in self.paged):
+            monitor.passed("other multiplexer page")
+            return []
+        physical, refused = self._physical(data)
+        if self.counter is not None:
+            reason = self.counter.objection(int(physical[self.counter.check.signal]))
+            if reason is not None:
+                monitor.fault(reason, at)
+                return []
+        if refused:
+            self._refuse(physical, refused, at)
+        self._before = physical
+        made: list[tuple[Output, dict[str, float]]] = []
+        for output, conversions in self.outputs:
+            values = self._values(conversions, physical, refused, at)
+            if values:
+                made.append((output, values))
+        if not made or not monitor.accept(arrival, received):
             return []
         stamp = arrival - self.latency
         return [_sample(output, values, stamp, at) for output, values in made]
 
-    def _physical(self, data: bytes) -> dict[str, float]:
-        """Physical values of the signals that are asked for, from the whole of the data as one number."""
+    def _values(
+        self, conversions: list[_Conversion], physical: dict[str, float], refused: dict[str, str], at: int
+    ) -> dict[str, float]:
+        """The values of an output in SI by their names, without those that are none."""
+        values: dict[str, float] = {}
+        for conversion in conversions:
+            if refused and any(name in refused for name in conversion.signals):
+                continue
+            unbelieved = next((f for f in conversion.valid if not f.of(physical)), None) if conversion.valid else None
+            if unbelieved is not None:
+                self.monitor.fault(_not_valid(conversion, unbelieved), at)
+                continue
+            value, plausible = conversion.convert(physical)
+            if plausible:
+                values[conversion.name] = value
+            else:
+                self.monitor.fault(f"{conversion.name} out of range", at)
+        return values
+
+    def _physical(self, data: bytes) -> tuple[dict[str, float], dict[str, str]]:
+        """Physical values of the signals that are asked for, from the whole of the data as one number, and of those
+        that are not in their range, or that are codes, what is said of them."""
         big = int.from_bytes(data[: self.length], "big")
         little = int.from_bytes(data, "little")
         found = {}
-        for name, field, shift, mask, sign in self.places:
-            if field.is_float:
-                found[name] = field.physical(data)
-                continue
-            raw = ((big if field.big_endian else little) >> shift) & mask
+        unusual: dict[str, str] = {}
+        for name, is_big, shift, mask, sign, scale, offset, lowest, highest, codes, floating in self.places:
+            raw = ((big if is_big else little) >> shift) & mask
             if raw & sign:
                 raw -= mask + 1
-            found[name] = raw * field.scale + field.offset
-        return found
+            value = found[name] = raw * scale + offset if floating is None else floating.physical(data)
+            if not lowest <= value <= highest or raw in codes:
+                unusual[name] = self.validity[name].objection(raw, value, self._before.get(name))
+        return found, unusual
 
-    def _out_of_range(self, physical: dict[str, float]) -> str | None:
-        for name, limits in self.ranges.items():
-            if not limits.lowest <= physical[name] <= limits.highest:
-                return f"{name} out of range {limits.text}"
-        return None
+    def _refuse(self, physical: dict[str, float], unusual: dict[str, str], at: int) -> None:
+        """Report the signals that are unusual; those that are taken all the same leave `unusual`, and the others have
+        the value that they had before."""
+        for name, reason in list(unusual.items()):
+            if not reason:
+                del unusual[name]
+                self.monitor.doubts[self.validity[name].beyond] += 1
+                continue
+            self.monitor.fault(reason, at)
+            if name in self._before:
+                physical[name] = self._before[name]
+            else:
+                physical[name] = math.nan
 
     def table(
-        self, data: Frames, lengths: NDArray[np.int64], faults: Counter[str]
-    ) -> tuple[NDArray[np.intp], list[tuple[Output, dict[str, Array]]]]:
+        self, data: Frames, lengths: NDArray[np.int64], faults: Counter[str], said: Counter[str]
+    ) -> list[tuple[Output, NDArray[np.intp], dict[str, Array]]]:
         """Values of all frames of a log at once, as `feed` has them one by one: data (n, bytes) and lengths (n,), in
         the order of the log.
 
-        Returns the rows that are believed, and for each output its values in them by name; `faults` counts the others
-        by their reason. Time stamps are not judged.
+        Returns for each output its rows, and its values in them by name, NaN where there is none. `faults` counts the
+        frames that are not believed by their reason, `said` what is said of single signals. Time stamps are not judged.
         """
         good = np.ones(len(data), bool)
 
@@ -304,7 +356,8 @@ class Receiver:
             refuse(np.array(wrong, bool), "bad checksum")
         for field in self.paged:
             good &= field.has_of(data)
-        physical: dict[str, Any] = {name: field.physical_of(data) for name, field in self.fields.items()}
+        raw = {name: field.raw_of(data) for name, field in self.fields.items()}
+        physical: dict[str, Any] = {name: field.physical_of(data, raw[name]) for name, field in self.fields.items()}
         if self.counter is not None:
             rows = np.flatnonzero(good)
             counted = physical[self.counter.check.signal][rows].astype(np.int64)
@@ -316,22 +369,38 @@ class Receiver:
                 mask = np.zeros(len(data), bool)
                 mask[rows[bad]] = True
                 refuse(mask, reason)
-        for name, limits in self.ranges.items():
-            refuse(~((physical[name] >= limits.lowest) & (physical[name] <= limits.highest)), f"{name} out of range")
+        doubted: Counter[str] = Counter()
+        usable = {name: v.of_all(raw[name], physical[name], good, doubted) for name, v in self.validity.items()}
         made = []
         for output, conversions in self.outputs:
             values = {}
+            present = np.zeros(len(data), bool)
             for conversion in conversions:
-                values[conversion.name], plausible = conversion.convert(physical)
-                refuse(~plausible, f"{conversion.name} out of range")
-            made.append((output, values))
-        rows = np.flatnonzero(good)
-        return rows, [(output, {name: value[rows] for name, value in values.items()}) for output, values in made]
+                value, plausible = conversion.convert(physical)
+                believed = good.copy()
+                for name in conversion.signals:
+                    believed &= usable[name]
+                for flag in conversion.valid:
+                    doubted[_not_valid(conversion, flag)] += int((believed & ~flag.of(physical)).sum())
+                    believed &= flag.of(physical)
+                doubted[f"{conversion.name} out of range"] += int((believed & ~plausible).sum())
+                believed &= plausible
+                value[~believed] = np.nan
+                values[conversion.name] = value
+                present |= believed
+            rows = np.flatnonzero(present)
+            made.append((output, rows, {name: value[rows] for name, value in values.items()}))
+        said.update({f"{self.message.name}: {text}": count for text, count in doubted.items() if count})
+        return made
 
     def diagnostic(self, now: int) -> Diagnostic:
         """Health of the message at `now` [ns]."""
         values = {} if self.counter is None else {"lost by the counter": str(self.counter.lost)}
         return self.monitor.diagnostic(now, values)
+
+
+def _not_valid(conversion: _Conversion, flag: _Flag) -> str:
+    return f"{conversion.name} is not valid by {flag.signal}"
 
 
 def _sample(output: Output, values: dict[str, float], stamp: int, received: int) -> Sample:
@@ -343,7 +412,7 @@ def _sample(output: Output, values: dict[str, float], stamp: int, received: int)
         if not any(name in values for name in names):
             continue
         vectors[field] = np.array([values.get(name, math.nan) for name in names])
-        deviations = {str(axis): signal.standard_deviation for axis, signal in output.axes.items()}
+        deviations = {str(axis): signal.standard_deviation for axis, signal in output.axes.items() if axis in values}
         vectors[f"{field}_covariance"] = samples.diagonal(
             [(deviations.get(name) or 0.0) ** 2 or samples.UNMEASURED_VARIANCE for name in names]
         )

@@ -9,6 +9,7 @@ from __future__ import annotations
 import math
 import struct
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from cantools.database import Message
@@ -131,9 +132,9 @@ class SignalField:
             found &= np.isin(selector.raw_of(frames).astype(np.int64), list(values))
         return found
 
-    def physical_of(self, frames: Frames) -> Array:
-        """The physical value in each frame, (frames,)."""
-        raw = self.raw_of(frames)
+    def physical_of(self, frames: Frames, raw: NDArray[Any] | None = None) -> Array:
+        """The physical value in each frame, (frames,); `raw` are its bits, where they are known already."""
+        raw = self.raw_of(frames) if raw is None else raw
         if self.is_float:
             bits = raw.view(np.uint64).astype(np.dtype(f"u{self.length // 8}"))
             return np.frombuffer(bits.tobytes(), _FLOATS[self.length]).astype(np.float64) * self.scale + self.offset

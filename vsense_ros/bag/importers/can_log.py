@@ -16,7 +16,7 @@ from vsense_ros.bag.importers.build import Array, Stamps
 from vsense_ros.driver.can import CanDecoder
 from vsense_ros.driver.can_log import CanFrames, format_of, read_frames
 from vsense_ros.driver.can_mapping import ImuOutput, JointStateOutput
-from vsense_ros.driver.samples import UNMEASURED_VARIANCE
+from vsense_ros.driver.samples import ABSENT, UNMEASURED_VARIANCE
 from vsense_ros.errors import InputError
 from vsense_ros.messages.recording import FIELDS, Channel, Recording
 
@@ -86,6 +86,7 @@ def _decoded(
     starts = np.flatnonzero(np.diff(keys[order], prepend=-1))
     parts: list[_Part] = []
     faults: Counter[str] = Counter()
+    said: Counter[str] = Counter()
     passed: list[tuple[int, str]] = []
     # In the order in which they came first, which decides whom of several senders of a group is listened to.
     groups = sorted((rows[group] for group in np.split(order, starts[1:]) if len(group)), key=lambda group: group[0])
@@ -96,11 +97,12 @@ def _decoded(
             passed.append((len(group), f"0x{identifier:X}{' (29 bits)' if is_extended else ''} × {len(group)}"))
             continue
         group = _one_bus(frames, group, receiver.message.name, notes)
-        good, outputs = receiver.table(frames.rows(group), frames.length[group], faults)
-        received = arrival[group[good]]
-        if len(good):
-            parts += [(output, received - receiver.latency, received, values) for output, values in outputs]
+        for output, good, values in receiver.table(frames.rows(group), frames.length[group], faults, said):
+            received = arrival[group[good]]
+            if len(good):
+                parts.append((output, received - receiver.latency, received, values))
     notes += [f"{count} frames left out: {reason}" for reason, count in faults.most_common()]
+    notes += [f"{text} ({count} times)" for text, count in said.most_common()]
     passed.sort(reverse=True)
     more = f" and {len(passed) - 12} more" if len(passed) > 12 else ""
     return parts, ", ".join(text for _, text in passed[:12]) + more
@@ -159,7 +161,22 @@ def _imu(parts: list[_Part], order: NDArray[np.intp] | slice) -> dict[str, Array
             vectors.append(np.column_stack([np.full(len(stamps), np.nan) if v is None else v for v in given]))
             deviation = {str(axis): signal.standard_deviation or 0.0 for axis, signal in output.axes.items()}
             variances = [deviation.get(name, 0.0) ** 2 or UNMEASURED_VARIANCE for name in names]
-            covariances.append(np.broadcast_to(np.diag(variances).ravel(), (len(stamps), 9)))
+            covariances.append(_covariance(vectors[-1], variances))
         columns[field] = (np.concatenate(vectors) if len(vectors) > 1 else vectors[0])[order]
         columns[f"{field}_covariance"] = (np.concatenate(covariances) if len(parts) > 1 else covariances[0])[order]
     return columns
+
+
+def _covariance(vectors: Array, variances: list[float]) -> Array:
+    """Covariances (n, 9) of vectors (n, 3) with these variances [SI²]; axes that are NaN are not measured, and a vector
+    of which none is measured is absent, and becomes zero."""
+    missing = np.isnan(vectors)
+    found = np.broadcast_to(np.diag(variances).ravel(), (len(vectors), 9))
+    if not (missing & (np.array(variances) != UNMEASURED_VARIANCE)).any():
+        return found
+    found = found.copy()
+    found[:, [0, 4, 8]] = np.where(missing, UNMEASURED_VARIANCE, found[:, [0, 4, 8]])
+    absent = missing.all(axis=1)
+    found[absent] = ABSENT
+    vectors[absent] = 0.0
+    return found
