@@ -8,7 +8,12 @@ from pathlib import Path
 
 import numpy as np
 
-from recordings.cases import NOON, SECOND, decoder, frame
+from recordings.cases import NOON, SECOND, decoder, frame, nmea, pvt
+from vsense_ros.bag import write_bag
+from vsense_ros.bag.importers import build, import_recording
+from vsense_ros.checks.inspect import inspect
+from vsense_ros.driver.ubx import fletcher
+from vsense_ros.messages.recording import Recording
 
 HEAD = 'VERSION ""\nNS_ :\nBS_:\nBU_: X\n'
 
@@ -64,7 +69,51 @@ def one_signal_drops_the_frame(folder: Path) -> None:
         np.testing.assert_allclose(turning.values["angular_velocity"], [np.nan, np.nan, 0.3])
 
 
+def ubx_among_nmea(folder: Path) -> None:
+    sent = b""
+    for second in range(10):
+        gga = nmea(f"GNGGA,1200{second:02d}.00,4800.0000,N,01100.0000,E,1,12,0.6,453.0,M,47.0,M,,")
+        sent += gga + b"".join(later_pvt(second, tenths) for tenths in range(10))
+    (folder / "mixed.ubx").write_bytes(sent)
+    found = import_recording(folder / "mixed.ubx")
+    for topic in ("gps/fix", "gps/velocity"):
+        assert len(found[topic]) == 100
+        np.testing.assert_array_equal(found[topic].stamp, NOON * SECOND + np.arange(100) * SECOND // 10)
+
+
+def later_pvt(second: int, tenths: int) -> bytes:
+    """A NAV-PVT frame of some time after noon."""
+    frame = bytearray(pvt())
+    frame[6 + 10] = second
+    struct.pack_into("<i", frame, 6 + 16, tenths * 100_000_000)
+    return bytes(frame[:-2]) + fletcher(bytes(frame[2:-2]))
+
+
+def clock_wraps_or_is_set(folder: Path) -> None:
+    rate = {"column": "r", "unit": "rad/s"}
+    mapping = {"time": {"column": "t", "unit": "us"}, "topics": {"imu/data": {"angular_velocity": [None, None, rate]}}}
+    rows = [f"{(2**32 - 3_000_000 + i * 10_000) % 2**32},{math.sin(i)}" for i in range(600)]
+    (folder / "wrap.csv").write_text("t,r\n" + "\n".join(rows) + "\n")
+    found = import_recording(folder / "wrap.csv", mapping=mapping)
+    np.testing.assert_allclose(found["imu/data"].seconds, np.arange(600) * 0.01, atol=1e-6)
+    assert not inspect(found).problems
+    mapping["time"]["unit"] = "iso"
+    rows = [f"2024-10-27 02:59:{57 + i / 100:09.6f}" for i in range(300)]
+    rows += [f"2024-10-27 02:00:{i / 100:09.6f}" for i in range(300)]
+    (folder / "dst.csv").write_text("t,r\n" + "\n".join(f"{t},{math.sin(i)}" for i, t in enumerate(rows)) + "\n")
+    found = import_recording(folder / "dst.csv", mapping=mapping)
+    np.testing.assert_allclose(found["imu/data"].seconds, np.arange(600) * 0.01, atol=1e-6)
+    stamp = NOON * SECOND + np.arange(600) * SECOND // 100
+    stamp[:200] -= (NOON - 30) * SECOND
+    write_bag(folder / "late", Recording({"imu/data": build.imu(stamp, np.ones((600, 3)), np.ones((600, 3)))}))
+    found = import_recording(folder / "late")
+    assert len(found["imu/data"]) == 400
+    assert any("the clock was set" in note for note in found.notes)
+
+
 FURTHER_CASES = {
+    "21_ubx_among_nmea": ubx_among_nmea,
+    "22_clock_wraps_or_is_set": clock_wraps_or_is_set,
     "24_sign_in_a_bit_of_its_own": sign_in_a_bit_of_its_own,
     "25_quality_flag": quality_flag,
     "26_one_signal_drops_the_frame": one_signal_drops_the_frame,

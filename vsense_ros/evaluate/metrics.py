@@ -16,6 +16,7 @@ from vsense_ros.evaluate.signals import Array, Series, read_signals, wrap
 from vsense_ros.messages.recording import Recording
 
 LONGEST_GAP = 0.5  # between two estimates, to interpolate between them [s]
+SPARSEST = 100.0  # steps of the grid for each value, beyond which two series are gaps rather than a common time
 LONGEST_LAG = 1.0  # that is searched for [s]
 NO_DIFFERENCE = 1e-6  # of both variances, which the lag has to make to be known
 _BOUNDLESS = 1e12  # standard deviation in any unit that stands for an infinite one
@@ -152,7 +153,7 @@ def lag(estimate: Series, truth: Series) -> float | None:
     periods = [float(np.median(np.diff(series.stamp))) * 1e-9 for series in (estimate, truth)]
     step = float(np.clip(min(periods), 0.005, 0.05))
     reach = int(min(LONGEST_LAG, duration / 4.0) / step)
-    if reach < 2:
+    if reach < 2 or duration > SPARSEST * step * (len(estimate) + len(truth)):
         return None
     times = np.arange(0.0, duration, step)
     y, y_known = _resample(estimate, origin, times, max(LONGEST_GAP, 2.0 * periods[0]))

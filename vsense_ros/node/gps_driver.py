@@ -12,8 +12,7 @@ from typing import Literal
 from pydantic import Field
 
 from vsense_ros.driver.gnss import GnssSettings
-from vsense_ros.driver.nmea import NmeaDecoder
-from vsense_ros.driver.ubx import UbxDecoder
+from vsense_ros.driver.gnss_stream import ReceiverDecoder
 from vsense_ros.errors import InputError
 from vsense_ros.messages import cdr_messages
 from vsense_ros.node.base import run_node
@@ -29,7 +28,9 @@ _DEFAULT = GnssSettings()
 class GpsDriverParameters(SerialParameters):
     """See `vsense_ros.driver.gnss.GnssSettings`."""
 
-    protocol: Literal["nmea", "ubx"] = Field("nmea", description="what the receiver speaks")
+    protocol: Literal["nmea", "ubx"] = Field(
+        "nmea", description="what the receiver speaks; UBX among NMEA is decoded, too"
+    )
     sentence_topic: str = Field("", description="nmea_msgs/Sentence in the place of a port, such as nmea_sentence")
     fix_topic: str = Field(_DEFAULT.fix_topic, description="where to publish sensor_msgs/NavSatFix", min_length=1)
     velocity_topic: str = Field(_DEFAULT.velocity_topic, description="where to publish ENU velocities", min_length=1)
@@ -76,7 +77,7 @@ class GpsDriver(SerialSensorNode[GpsDriverParameters]):
             self._sentences.close()
             self._sentences = None
 
-    def make_decoder(self) -> NmeaDecoder | UbxDecoder:
+    def make_decoder(self) -> ReceiverDecoder:
         p = self.parameters
         settings = GnssSettings(
             fix_topic=p.fix_topic,
@@ -92,7 +93,7 @@ class GpsDriver(SerialSensorNode[GpsDriverParameters]):
             baseline_yaw=p.baseline_yaw,
             jump_limit=p.jump_limit,
         )
-        return NmeaDecoder(settings) if p.protocol == "nmea" else UbxDecoder(settings)
+        return ReceiverDecoder(settings, p.protocol)
 
     def topics(self) -> dict[str, str]:
         p = self.parameters

@@ -1,4 +1,4 @@
-"""What a GNSS receiver sent, as a file: NMEA 0183 or UBX, by the decoders of the driver.
+"""What a GNSS receiver sent, as a file: NMEA 0183, UBX, or both with RTCM between, by the decoders of the driver.
 
 A file has no times of arrival: those of measurement stand for them.
 """
@@ -12,8 +12,7 @@ from pathlib import Path
 
 import numpy as np
 
-from vsense_ros.driver.nmea import NmeaDecoder
-from vsense_ros.driver.ubx import UbxDecoder
+from vsense_ros.driver.gnss_stream import ReceiverDecoder, frame_end
 from vsense_ros.errors import InputError
 from vsense_ros.messages import cdr
 from vsense_ros.messages.recording import Channel, Recording, Sample
@@ -21,10 +20,11 @@ from vsense_ros.messages.recording import Channel, Recording, Sample
 NAME = "gnss_log"
 DESCRIPTION = "bytes of a GNSS receiver (.nmea, .ubx)"
 
-_SENTENCE = re.compile(rb"\$[A-Z]{2}(?:GGA|RMC|GNS|VTG|GSA|GSV|GLL|ZDA|GST),[ -~]*\*[0-9A-F]{2}")
+_SENTENCE = re.compile(rb"\$[A-Z]{2}(?:GGA|RMC|GNS|VTG|GSA|GSV|GLL|ZDA|GST|GBS|GRS|TXT|HDT|THS),[ -~]*\*[0-9A-F]{2}")
 _TIMED = re.compile(rb"\$[A-Z]{2}(?:GGA|RMC|GNS|ZDA),(\d{2})(\d{2})(\d{2}(?:\.\d*)?)")
 _UBX = b"\xb5\x62"
 _BLOCK = 1 << 16  # [byte]
+_NEAR, _HEAD = 1 << 12, 1 << 15  # [byte] at the beginning in which a sentence, and a frame of UBX, is looked for
 _DAY = 86_400_000_000_000  # [ns]
 
 
@@ -33,27 +33,34 @@ def matches(path: Path) -> bool:
     if not path.is_file():
         return False
     with path.open("rb") as file:
-        head = file.read(4096)
-    return bool(_SENTENCE.search(head)) or (head.count(_UBX) > 1 and (head.startswith(_UBX) or path.suffix == ".ubx"))
+        head = file.read(_HEAD)
+    if _SENTENCE.search(head[:_NEAR]):
+        return True
+    starts = [found.start() for found in re.finditer(re.escape(_UBX), head)]
+    return any((frame_end(head, start) or start) > start for start in starts)
 
 
 def read(path: Path) -> Recording:
     """`gps/fix`, `gps/velocity` and, of receivers with two antennas, `gps/attitude`."""
-    with path.open("rb") as file:
-        is_nmea = bool(_SENTENCE.search(file.read(4096)))
-    decoder: NmeaDecoder | UbxDecoder = NmeaDecoder() if is_nmea else UbxDecoder()
-    samples: dict[str, list[Sample]] = {}
+    decoder = ReceiverDecoder()
+    of_ubx: list[Sample] = []
+    of_nmea: list[Sample] = []
     at = 0
-    for at, data in _sentences(path) if is_nmea else _blocks(path):
-        for sample in decoder.feed(data, at):
-            samples.setdefault(sample.topic, []).append(sample)
+    for at, data in _sentences(path):
+        ubx, nmea = decoder.feed_each(data, at)
+        of_ubx += ubx
+        of_nmea += nmea
+    samples: dict[str, list[Sample]] = {}
+    for sample in [*of_ubx, *decoder.additional(of_nmea)] if decoder.speaks_ubx else [*of_nmea, *of_ubx]:
+        samples.setdefault(sample.topic, []).append(sample)
     health = decoder.diagnostics(at)
-    counts = decoder.link.counts
+    link = decoder.link
+    counts = link.counts
     notes = []
     if counts["broken frames"]:
         notes.append(f"{path.name}: {counts['broken frames']} broken frames left out")
-    if decoder.link.not_decoded:
-        notes.append(f"{path.name}: not decoded: {decoder.link.not_decoded}")
+    if link.not_decoded:
+        notes.append(f"{path.name}: not decoded: {link.not_decoded}")
     if not samples:
         told = "; ".join(d.message for d in health if d.level > 0)
         raise InputError(f"{path}: no fix and no velocity in {counts['frames']} frames: {told}")
@@ -75,12 +82,6 @@ def _sentences(path: Path) -> Iterator[tuple[int, bytes]]:
                     now += _DAY
                 at = now
             yield at, line
-
-
-def _blocks(path: Path) -> Iterator[tuple[int, bytes]]:
-    with path.open("rb") as file:
-        while block := file.read(_BLOCK):
-            yield 0, block
 
 
 def _channel(topic: str, samples: list[Sample]) -> Channel:
