@@ -51,6 +51,7 @@ def page() -> str:
         *_keys("An output of `kind: imu`", can_mapping.ImuOutput),
         *_keys("A signal", can_mapping.Signal),
         *_keys("`sign`", can_mapping.SignBit),
+        *_keys("`valid`", can_mapping.Valid),
         "[`config/can/toyota_rav4_2017.yaml`](../../config/can/toyota_rav4_2017.yaml) is one with its reasons.\n",
         "## Units\n",
         "Spellings such as `kph`, `deg/sec` or `Grad/s` are understood, too.\n",
