@@ -16,7 +16,7 @@ export OMP_NUM_THREADS ?= 1
 export OPENBLAS_NUM_THREADS ?= 1
 
 .DEFAULT_GOAL := help
-.PHONY: help venv check test exam lint docs format house demo bench best thesis genesis road leung blind recordings bags \
+.PHONY: help venv check test exam lint docs format house demo bench best thesis genesis road truth leung blind recordings bags \
 	hw-tools hw hw-timing arm accelerator vehicle fuzz release clean
 
 help: ## this list
@@ -94,6 +94,9 @@ thesis: venv ## the tables of Rodríguez 2020 beside ours, to out/thesis.json
 
 road: venv ## forces and attitudes on roads that are not flat, to out/road.json
 	$(VENV)/bin/python -m studies road
+
+truth: venv ## what is published against what it says of itself, on all drives, to out/truth.json
+	$(VENV)/bin/python -m studies truth
 
 bags: venv ## regenerate the manoeuvres in bags/ bit by bit
 	$(VENV)/bin/python -m studies bags

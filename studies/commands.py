@@ -164,24 +164,27 @@ def road(out: Path, extended: Path) -> None:
       python -m studies road --out /tmp/road.json
     """
     from studies import road as job
+    from studies.coverage import coverage_table
     from vsense_ros.errors import InputError
     from vsense_ros.evaluate.terminal import console, progress, say
 
-    results: dict[str, dict] = {}  # type: ignore[type-arg]
+    rav4, genesis = None, None
     try:
         with progress("the RAV4's drive") as done:
-            results["rav4"] = job.rav4(done)
+            rav4 = job.rav4(done)
     except InputError as error:
         say(f"Without the RAV4's drive: {error}")
     try:
         with progress("the Genesis's third lap") as done:
-            results["genesis"] = job.on_genesis(extended, done)
+            genesis = job.on_genesis(extended, done)
     except InputError as error:
         say(f"Without the Genesis: {error}")
     with progress("hills and banks") as done:
-        results["plants"] = job.on_plants(done)
+        plants = job.on_plants(done)
+    results = job.Results(plants, rav4, genesis)
     job.write(results, out)
     console().print(job.table(results))
+    console().print(coverage_table({name: one.compared for name, one in results.drives().items()}))
     say(f"Written to {out}.")
 
 
@@ -297,6 +300,32 @@ def consistency(filters: tuple[str, ...], quick: bool, processes: int | None, ou
     job.show(results, console())
     if missing := job.left_out(results):
         say(f"Left out, as they are not here or lack sensors: {', '.join(missing)} (VSENSE_DATA names their folder).")
+    say(f"Written to {out}.")
+
+
+@main.command()
+@click.option("--bags", type=click.Path(path_type=Path), default=Path("bags"), show_default=True, help="Folder.")
+@click.option("--quick", is_flag=True, help="Three drives alone.")
+@click.option("--processes", type=click.IntRange(1), metavar="N", help="Default: as many as there are cores.")
+@click.option("--out", type=NEW_FILE, default=Path("out/truth.json"), show_default=True, help="File.")
+def truth(bags: Path, quick: bool, processes: int | None, out: Path) -> None:
+    """Hold what is published against what it says of itself, on all drives that have a reference.
+
+    Coverage of standard deviations by drive and output, tyre forces, faults, GNSS/INS filters, and lags of sensors.
+    Takes some ten minutes.
+
+    \b
+    Examples:
+      python -m studies truth
+      python -m studies truth --quick
+    """
+    from studies import truth as job
+    from vsense_ros.evaluate.terminal import console, progress, say
+
+    with progress("driving and estimating") as done:
+        results = job.examine(out.parent / "leung", bags, done, quick=quick, processes=processes)
+    job.write(results, out)
+    job.show(results, console())
     say(f"Written to {out}.")
 
 

@@ -34,6 +34,7 @@ from vsense_ros.files.installed import vehicle_path
 from vsense_ros.files.vehicle import load_vehicle
 from vsense_ros.messages.estimates import UNTOLD
 from vsense_ros.messages.recording import Recording
+from vsense_ros.model.vehicle import Vehicle
 from vsense_ros.navigation.catalogue import RECOMMENDED
 from vsense_ros.navigation.space import MOTION
 from vsense_ros.runner.run import run
@@ -204,18 +205,22 @@ def _simulated(name: str, drive: Drive, store: Path) -> Scores:
     return scores
 
 
-def _recorded(name: str, drive: Drive) -> Scores:
+def load(drive: Drive) -> tuple[Recording, Vehicle]:
+    """A recorded drive, and its vehicle with the reference where it sits. Raises `InputError` if it is not here."""
     folder = data_dir() / drive.folder
     if not (folder / drive.file).exists():
         raise InputError(f"{folder / drive.file} is not there: set VSENSE_DATA, or see vsense datasets")
-    if drive.file:
-        recording, reference = genesis.read(folder / drive.file, gnss_rate_hz=drive.rate), OXTS
-    else:
-        recording, reference = import_recording(folder), CAMERA
+    recording = genesis.read(folder / drive.file, gnss_rate_hz=drive.rate) if drive.file else import_recording(folder)
     car = load_vehicle(vehicle_path(drive.vehicle))
     if drive.reference is not None:
         place = car.reference.model_copy(update={"position": (drive.reference, 0.0, 0.0)})
         car = car.model_copy(update={"reference": place})
+    return recording, car
+
+
+def _recorded(name: str, drive: Drive) -> Scores:
+    recording, car = load(drive)
+    reference = OXTS if drive.file else CAMERA
     return dict(_scores(at_reference(run(recording, car, name).output, car), recording, reference))
 
 

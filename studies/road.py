@@ -12,7 +12,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -22,9 +22,11 @@ from rich.text import Text
 from scipy.spatial.transform import Rotation
 
 from studies import genesis
+from studies.coverage import Compared
 from vsense_ros.bag import datasets
 from vsense_ros.bag.importers import import_recording
 from vsense_ros.evaluate.balance import Balance
+from vsense_ros.evaluate.reference import at_reference
 from vsense_ros.files.installed import vehicle_path
 from vsense_ros.files.vehicle import load_vehicle
 from vsense_ros.identification.progress import Progress, part
@@ -51,6 +53,7 @@ from vsense_ros.model.vehicle import Vehicle
 from vsense_ros.observer.estimate import Estimate, stacked
 from vsense_ros.observer.state import DISTURB, U
 from vsense_ros.runner import Runner
+from vsense_ros.runner.run import as_recording
 
 Array = NDArray[np.float64]
 
@@ -105,6 +108,7 @@ class Estimates:
     t: Array  # (n,) [s] after the first
     stamp: NDArray[np.int64]  # (n,) [ns]
     found: Estimate  # stacked
+    output: Recording  # the same as the messages that are published
 
     @property
     def loads(self) -> Array:
@@ -126,11 +130,19 @@ def estimate(recording: Recording, vehicle: Vehicle, progress: Progress | None =
         if progress is not None and i % 500 == 0:
             progress(i / total)
     stamp = np.array([one.stamp for one in estimates])
-    return Estimates((stamp - stamp[0]) * 1e-9, stamp, stacked(estimates))
+    output = as_recording(observer.adapter, estimates, recording)
+    return Estimates((stamp - stamp[0]) * 1e-9, stamp, stacked(estimates), output)
 
 
-def rav4(progress: Progress | None = None) -> dict[str, float]:
-    """Figures of the RAV4's drive. Raises `InputError` where the recording is not here."""
+class Examined(NamedTuple):
+    """Figures of a drive by the keys of `FIGURES`, and its signals against the reference."""
+
+    figures: Mapping[str, float]
+    compared: Compared
+
+
+def rav4(progress: Progress | None = None) -> Examined:
+    """The RAV4's drive. Raises `InputError` where the recording is not here."""
     recording, vehicle = import_recording(datasets.fetch("comma2k19_rav4")), load_vehicle(vehicle_path("rav4"))
     made = estimate(recording, vehicle, progress)
     sums = Balance(made.stamp, CarBalance(vehicle.physics).shares(made.found.unbalanced)).percent
@@ -147,7 +159,7 @@ def rav4(progress: Progress | None = None) -> dict[str, float]:
     force_x, force_y, load = (made.found.wheels[:, i] for i in (FORCE_X, FORCE_Y, FORCE_Z))
     used = np.hypot(force_x, force_y) / np.maximum(load, 50.0)
     within = (made.t > LOOKED_AT[0]) & (made.t < LOOKED_AT[1])
-    return {
+    figures = {
         "sum_fz_percent": sums["vertical force"],
         "front_load_percent": sums["front load"],
         "pitch_rmse_deg": float(np.degrees(error[:, 0].std())),
@@ -156,6 +168,8 @@ def rav4(progress: Progress | None = None) -> dict[str, float]:
         "speed_rmse": float(np.sqrt(np.mean(speed**2))),
         "yaw_rate_rmse_deg": float(np.degrees(np.sqrt(np.mean(yaw_rate**2)))),
     }
+    output = at_reference(made.output, vehicle)
+    return Examined(figures, Compared.of(output, recording, (SETTLED, np.inf)))
 
 
 def with_height(vehicle: Vehicle) -> Vehicle:
@@ -168,8 +182,8 @@ def with_height(vehicle: Vehicle) -> Vehicle:
     return vehicle.model_copy(update={"sensors": {**vehicle.sensors, "height": height, "vertical_velocity": vertical}})
 
 
-def on_plant(name: str, driven: Vehicle, known: Vehicle, progress: Progress | None = None) -> dict[str, float]:
-    """Figures of the observer with the vehicle `known` on a drive of the full car `driven`, with an outage of GNSS."""
+def on_plant(name: str, driven: Vehicle, known: Vehicle, progress: Progress | None = None) -> Examined:
+    """The observer with the vehicle `known` on a drive of the full car `driven`, with an outage of GNSS."""
     truth = drive(PLANTS[name], driven)
     recording = record(truth, driven, seed=1, name=name)
     silent = {}
@@ -190,19 +204,20 @@ def on_plant(name: str, driven: Vehicle, known: Vehicle, progress: Progress | No
     true = Rotation.from_quat(reference.columns["orientation"]).as_euler("ZYX")
     off = [turned[:, i] - np.interp(made.stamp[settled], reference.stamp, true[:, i]) for i in (1, 2)]
     error = np.sqrt(np.mean((made.loads[settled] - forces) ** 2, axis=0)) / np.ptp(forces, axis=0)
-    return {
+    figures = {
         "fz_nrmsd_percent": float(100 * error.max()),
         "grade_deg": _rms_deg(slopes[:, GRADE] - road[:, GRADE]),
         "bank_deg": _rms_deg(slopes[:, BANK] - road[:, BANK]),
         "attitude_deg": max(map(_rms_deg, off)),
     }
+    return Examined(figures, Compared.of(made.output, recording, (SETTLED, np.inf)))
 
 
 def _rms_deg(error: Array) -> float:
     return float(np.degrees(np.sqrt(np.mean(error**2))))
 
 
-def on_plants(progress: Progress | None = None) -> dict[str, dict[str, float]]:
+def on_plants(progress: Progress | None = None) -> dict[str, Examined]:
     """Figures on all of the `PLANTS`, of an observer that has the numbers of the plant's vehicle file."""
     car = load_vehicle(vehicle_path("prototype_real"))
     return {name: on_plant(name, car, car, part(progress, i, len(PLANTS))) for i, name in enumerate(PLANTS)}
@@ -221,20 +236,41 @@ def on_genesis(extended: Path, progress: Progress | None = None) -> dict[str, di
     }
 
 
-def table(results: Mapping[str, Mapping[str, Any]]) -> Table:
-    """Table of the results for the terminal."""
+@dataclass(frozen=True)
+class Results:
+    """What was examined; a recording that is not here is None."""
+
+    plants: Mapping[str, Examined]
+    rav4: Examined | None = None
+    genesis: Mapping[str, Mapping[str, float]] | None = None
+
+    def drives(self) -> dict[str, Examined]:
+        """All drives but those of the Genesis, by their names for people."""
+        recorded = {} if self.rav4 is None else {"RAV4": self.rav4}
+        return {**recorded, **self.plants}
+
+    def figures(self) -> dict[str, Any]:
+        """The results as numbers, ready for JSON."""
+        found: dict[str, Any] = {} if self.rav4 is None else {"rav4": dict(self.rav4.figures)}
+        if self.genesis is not None:
+            found["genesis"] = self.genesis
+        found["plants"] = {name: dict(one.figures) for name, one in self.plants.items()}
+        return found | {"coverage": {name: one.compared.figures() for name, one in self.drives().items()}}
+
+
+def table(results: Results) -> Table:
+    """Table of the figures for the terminal."""
     lines = Table(box=box.SIMPLE_HEAD)
     lines.add_column("drive")
     lines.add_column("figure")
     lines.add_column("value", justify="right")
-    rows = {"RAV4": results["rav4"]} if "rav4" in results else {}
-    for title, figures in {**rows, **results["plants"]}.items():
-        for i, (name, value) in enumerate(figures.items()):
+    for title, one in results.drives().items():
+        for i, (name, value) in enumerate(one.figures.items()):
             lines.add_row(title if i == 0 else "", Text(FIGURES[name]), f"{value:.3g}")
     return lines
 
 
-def write(results: Mapping[str, Mapping[str, Any]], path: Path) -> None:
+def write(results: Results, path: Path) -> None:
     """Write the results as JSON."""
     path.parent.mkdir(parents=True, exist_ok=True)
-    path.write_text(json.dumps(results, indent=2) + "\n", encoding="utf-8")
+    path.write_text(json.dumps(results.figures(), indent=2) + "\n", encoding="utf-8")
