@@ -10,6 +10,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from itertools import product
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -92,7 +93,7 @@ def fit_transient(estimate: Series, truth: Series) -> HeadingTransient:
     return HeadingTransient(start, *best, explained=1.0 - least / max(float(error.var()), 1e-30))
 
 
-def _decay(t: Array, begin: float, time_constant: float) -> Array:
+def _decay(t: NDArray[np.floating[Any]], begin: float, time_constant: float) -> Array:
     return np.where(t < begin, 0.0, np.exp(-np.maximum(t - begin, 0.0) / time_constant))
 
 
