@@ -9,7 +9,7 @@ from typing import Any
 
 import click
 
-from vsense_ros.cli.common import NEW_FILE
+from vsense_ros.cli.common import EXISTING, NEW_FILE, distinct_names, import_named, vehicle_option
 
 DOUBTFUL = 1  # exit code of a check that found something
 
@@ -130,4 +130,46 @@ def check(context: click.Context, vehicle: str, as_json: bool) -> None:
     context.exit(0 if found.is_good else DOUBTFUL)
 
 
-COMMANDS = (new_vehicle, check)
+@click.command()
+@click.argument("recordings", nargs=-1, required=True, type=EXISTING, metavar="RECORDING...")
+@vehicle_option
+@click.option("--output", type=NEW_FILE, metavar="FILE", help="Default: VEHICLE with .calibrated before its ending.")
+@click.option("--json", "as_json", is_flag=True, help="Print the table as JSON.")
+def calibrate(recordings: tuple[Path, ...], vehicle: str, output: Path | None, as_json: bool) -> None:
+    """Calibrate the sensors of a car by ordinary drives: RECORDINGS with GNSS.
+
+    Rolling radii, steering ratio and offset, mounting of the inertial sensor, place of the antenna, latencies, noise,
+    and the cornering stiffness of the axles. Writes a new vehicle file, with what changed, by how much and how sure
+    that is. What the drives do not determine stays as it is, and it says what to drive next. References are not
+    looked at.
+
+    \b
+    Examples:
+      vsense calibrate drive --vehicle my_car.yaml --output my_car.calibrated.yaml
+      vsense calibrate lap_1 lap_2 --vehicle my_car.yaml
+    """
+    from vsense_ros.errors import InputError
+    from vsense_ros.evaluate.terminal import console, say, waiting
+    from vsense_ros.files.installed import vehicle_path
+    from vsense_ros.files.vehicle import load_vehicle, save_changes
+    from vsense_ros.prepare import calibration_report as report
+    from vsense_ros.prepare.calibration import calibrate as job
+
+    source = vehicle_path(vehicle)
+    target = output or Path(f"{source.stem}.calibrated.yaml")
+    car = load_vehicle(source)
+    if target.exists() and target.resolve() == source.resolve():
+        raise InputError(f"{target} is the vehicle file itself; give another name with --output")
+    with waiting("reading"):
+        drives = import_named(recordings, distinct_names(recordings))
+    with waiting("calibrating"):
+        found = job(drives, car)
+    save_changes(source, target, found.vehicle, found.paths)
+    if as_json:
+        click.echo(json.dumps(report.as_dict(found), indent=2))
+        return
+    report.show(found, console())
+    say(f"Written to {target}. Next: vsense identify RECORDING... --vehicle {target}, or vsense run.")
+
+
+COMMANDS = (new_vehicle, check, calibrate)

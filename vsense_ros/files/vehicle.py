@@ -96,9 +96,10 @@ def save_tables(source: str | Path, target: str | Path, tables: SuspensionTables
 
 
 def save_changes(source: str | Path, target: str | Path, vehicle: Vehicle, paths: Iterable[str]) -> None:
-    """Write the vehicle file `source` to `target`, with what `vehicle` has at these dotted paths (lists by index);
-    everything else stays as it is written, comments included, but for anchors in the parts that have such paths: what
-    two places share, one place cannot change."""
+    """Write the vehicle file `source` to `target`, with what `vehicle` has at these dotted paths (lists by index), and
+    its uncertainty there, which also stands as a comment behind the number. Everything else stays as it is written,
+    comments included, but for anchors in the parts that have such paths: what two places share, one place cannot
+    change."""
     yaml, tree = _as_written(source)
     content, paths = vehicle.model_dump(mode="json"), list(paths)
     for part in tree.keys() & {path.split(".")[0] for path in paths}:
@@ -114,8 +115,30 @@ def save_changes(source: str | Path, target: str | Path, vehicle: Vehicle, paths
             node = node[key]
         at = int(last) if isinstance(value, list) else last
         node[at] = value[at]
+        _state_uncertainty(tree, path, vehicle)
     with atomic_write(target) as file:
         yaml.dump(tree, file)
+
+
+def _state_uncertainty(tree: CommentedMap, path: str, vehicle: Vehicle) -> None:
+    """Write what a vehicle says of the uncertainty of a number into the section `uncertainty`, and behind it."""
+    stated = vehicle.uncertainty.get(path)
+    if stated is None:
+        return
+    entry = CommentedMap(stated.model_dump())
+    entry.fa.set_flow_style()
+    tree.setdefault("uncertainty", CommentedMap())[path] = entry
+    *parents, last = path.split(".")
+    if last.isdigit():  # behind the list
+        *parents, last = parents
+    node = tree
+    for key in parents:
+        node = node[key]
+    if not node.fa.flow_style():
+        unit = vehicle.unit(path)
+        node.yaml_add_eol_comment(
+            f"± {stated.deviation:g}{'' if unit == '-' else ' ' + unit} ({stated.source})", last, column=44
+        )
 
 
 def _as_written(source: str | Path) -> tuple[YAML, CommentedMap]:

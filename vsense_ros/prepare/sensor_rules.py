@@ -57,6 +57,7 @@ def observer(car: CatalogueValues, rules: Rules, numbers: dict[str, Estimated]) 
             "wheel_spin": _rounded(torque / spin), "wheel_spin_time_constant": 5.0,
         },
         "surroundings": {
+            "bank": rules["road_bank"].value,
             "radius_error": _rounded(radius.relative), "steering_offset": _rounded(offset),
             "load": _rounded(numbers["physics.chassis.mass"].deviation),
         },

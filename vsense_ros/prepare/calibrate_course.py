@@ -1,0 +1,147 @@
+"""The course of GNSS against the integrated yaw rate: bias of the gyro, latency, place of the antenna, rear tyres.
+
+At the antenna the course is ahead of the heading by the side slip there, (x + l) r / V - k V r, with the distance x + l
+of the antenna from the rear axle and the cornering compliance k of that axle. Over a stretch of the drive,
+
+    course - ∫ r dt = constant - b t - τ r + (x + l) r / V - k V r,
+
+where b is the bias of the gyro and τ how much older the course is than the yaw rate. All of it is linear, and neither a
+heading nor a side slip needs to be measured (compare Bevly et al. 2006, IEEE Trans. Vehicular Technology 55(6)).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from vsense_ros.model.handling.base import slopes, static_loads
+from vsense_ros.model.sensors import Imu, Steering, WheelSpeeds
+from vsense_ros.model.sensors.gnss import Antenna, Receiver
+from vsense_ros.model.vehicle import Vehicle
+from vsense_ros.prepare.calibrated import Calibrated, Change
+from vsense_ros.prepare.calibration_drive import CALIBRATION, CalibrationDrive
+from vsense_ros.prepare.regression import Posterior, posterior
+
+Array = NDArray[np.float64]
+
+_LATENCY = 0.05  # [s] that a receiver or a bus may be late, standard deviation where the file does not say
+_PLACE = 0.5  # [m] that an antenna may be off, likewise
+_COMPLIANCE = 0.3  # [-] of its value, likewise
+_SMALLEST_LATENCY = 0.002  # [s] that is worth a change
+
+
+def rear_compliance(car: Vehicle) -> float:
+    """Slip angle of the rear axle per lateral acceleration, by the vehicle file [rad s²/m]."""
+    return compliance(car, "rear")
+
+
+def compliance(car: Vehicle, axle: str) -> float:
+    """Slip angle of an axle per lateral acceleration, by the vehicle file [rad s²/m]."""
+    chassis = car.physics.chassis
+    arms = chassis.cog_to_rear_axle, chassis.cog_to_front_axle
+    index = ("front", "rear").index(axle)
+    part, load = (car.physics.front, car.physics.rear)[index], static_loads(car)[index]
+    return chassis.mass * arms[index] / sum(arms) / (2 * slopes(part, load)[1])
+
+
+def relative_compliance(car: Vehicle, axle: str) -> float:
+    """Standard deviation of the compliance of an axle over its value [-]."""
+    stated = car.deviations().get(f"{axle}.cornering_scale")
+    return _COMPLIANCE if stated is None else stated / getattr(car.physics, axle).cornering_scale
+
+
+def course(drives: Sequence[CalibrationDrive], car: Vehicle) -> Iterator[Calibrated]:
+    """Bias of the yaw rate, latency between GNSS and the gyro, place of the antenna ahead, rear cornering stiffness."""
+    antenna = next((s for s in car.sensors.values() if isinstance(s, Antenna) and s.kind == "gnss_velocity"), None)
+    imu = next(((name, s) for name, s in car.sensors.items() if isinstance(s, Imu)), None)
+    blocks = [block for drive in drives for block in _blocks(drive)]
+    if antenna is None or imu is None or not blocks:
+        return
+    arm, slip = car.physics.chassis.cog_to_rear_axle, rear_compliance(car)
+    places = [name for name, s in car.sensors.items() if isinstance(s, Antenna)]
+    stated = [car.uncertainty[p].deviation for n in places if (p := f"sensors.{n}.position") in car.uncertainty]
+    bias, place = imu[1].rate_offset[2], antenna.position[0]
+    mean = np.array([-bias, 0.0, arm + place, -slip])
+    prior = np.array(
+        [max(imu[1].rate_bias, 1e-4), _LATENCY, max(stated, default=_PLACE), relative_compliance(car, "rear") * slip]
+    )
+    found = posterior(blocks, mean, prior)
+    yield _gyro(imu[0], bias, found)
+    yield _latency(car, imu[0], found)
+    yield _antenna(places, car, place, found)
+    yield _rear(car, found)
+
+
+def _blocks(drive: CalibrationDrive) -> Iterator[tuple[Array, Array]]:
+    """Rows of the equation, its constant taken off, times the speed: the course errs by velocity over speed."""
+    east, north = (drive.smooth(one) for one in drive.velocity.T)
+    rate, speed = drive.yaw_rate, drive.speed
+    length = round(CALIBRATION.block / CALIBRATION.step)
+    for begin in range(0, len(drive.t) - length + 1, length):
+        rows = slice(begin, begin + length)
+        if not (drive.driving[rows].all() and np.isfinite(rate[rows]).all()):
+            continue
+        v, r = speed[rows], rate[rows]
+        heading = np.cumsum(r) * CALIBRATION.step
+        y = np.unwrap(np.arctan2(north[rows], east[rows])) - heading
+        x = np.column_stack([drive.t[rows], r, r / v, v * r])
+        x = x * [1.0, -1.0, 1.0, 1.0]
+        weight = v / v.mean()
+        centre = weight @ np.column_stack([x, y]) / weight.sum()
+        yield (x - centre[:-1]) * v[:, None], (y - centre[-1]) * v
+
+
+def _gyro(name: str, before: float, found: Posterior) -> Calibrated:
+    after, deviation = -float(found.values[0]), float(found.deviations[0])
+    return Calibrated(
+        "bias of the yaw rate", "rad/s", before, after, float(found.prior[0]), deviation,
+        {f"sensors.{name}.rate_offset.2": Change(_rounded(after, 1e-6), deviation)},
+        "any drive with GNSS of a few minutes",
+    )  # fmt: skip
+
+
+def _latency(car: Vehicle, imu: str, found: Posterior) -> Calibrated:
+    """GNSS is late, or what comes with the gyro over the bus: no message is stamped before its measurement."""
+    late, deviation = float(found.values[1]), float(found.deviations[1])
+    bus = Imu | Steering | WheelSpeeds
+    name = "latency of GNSS" if late > 0 else "latency of the bus (inertial sensor, steering, wheels)"
+    on = [n for n, s in car.sensors.items() if isinstance(s, Receiver if late > 0 else bus)]
+    first = car.sensors[on[0] if late > 0 else imu].latency
+    changes = {
+        f"sensors.{n}.latency": Change(_rounded(car.sensors[n].latency + abs(late), 1e-4), deviation) for n in on
+    }
+    worth = max(deviation, _SMALLEST_LATENCY) < abs(late)
+    return Calibrated(
+        name, "s", first, first + abs(late) if worth else first, float(found.prior[1]), deviation,
+        changes if worth else {}, "bends in both directions with GNSS, such as roundabouts",
+    )  # fmt: skip
+
+
+def _antenna(places: Sequence[str], car: Vehicle, before: float, found: Posterior) -> Calibrated:
+    after = float(found.values[2]) - car.physics.chassis.cog_to_rear_axle
+    deviation = float(found.deviations[2])
+    return Calibrated(
+        "place of the GNSS antenna ahead of the centre of gravity", "m", before, after, float(found.prior[2]),
+        deviation,
+        {f"sensors.{name}.position.0": Change(_rounded(after, 1e-3), deviation) for name in places},
+        "tight bends at 15 to 30 km/h in both directions, with GNSS",
+    )  # fmt: skip
+
+
+def _rear(car: Vehicle, found: Posterior) -> Calibrated:
+    scale, before = car.physics.rear.cornering_scale, rear_compliance(car)
+    after = max(-float(found.values[3]), 0.2 * before)
+    relative = float(found.deviations[3]) / after
+    value = scale * before / after
+    return Calibrated(
+        "cornering stiffness of the rear axle over the file's tyre", "-", scale, value,
+        relative_compliance(car, "rear") * scale, relative * value,
+        {"physics.rear.cornering_scale": Change(_rounded(value, 1e-4), relative * value)},
+        "bends at 60 km/h and more with 2 to 4 m/s², as a winding road has, with GNSS",
+    )  # fmt: skip
+
+
+def _rounded(value: float, step: float) -> float:
+    return float(f"{round(value / step) * step:.6g}")

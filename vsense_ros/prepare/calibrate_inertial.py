@@ -1,0 +1,147 @@
+"""Mounting of the inertial sensor: how it leans and points, and what its accelerometers read too much.
+
+A sensor that leans by small angles (φ, θ, ψ) reads v - a x v of a vector v in the axes of the car. Of a turn its gyros
+read (-θ r, φ r), whatever the road; its accelerometers read (-θ g, φ g) on a level road, and beside that their bias.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
+
+from vsense_ros.model.constants import GRAVITY
+from vsense_ros.model.sensors import Imu
+from vsense_ros.model.vehicle import Vehicle
+from vsense_ros.prepare.calibrate_course import compliance, relative_compliance
+from vsense_ros.prepare.calibrated import Calibrated, Change
+from vsense_ros.prepare.calibration_drive import CalibrationDrive
+from vsense_ros.prepare.regression import Posterior, posterior
+
+Array = NDArray[np.float64]
+
+_TILT = 0.1  # [rad] that a sensor may lean, standard deviation
+_MEAN_SLOPE = 0.015  # [rad] of the mean slope of the roads of a drive, standard deviation
+_ARM = 0.5  # [m] that the place of the sensor may be off, standard deviation
+_ROLLING = 0.1  # [-] of a lateral acceleration that a rolling or pitching body adds to it, standard deviation
+_LEANING = 0.02  # [rad s²/m] of a body that rolls or pitches, standard deviation
+_GYRO_BIAS = 0.02  # [rad/s] of the gyros across, standard deviation
+_ADVICE = "braking and accelerating straight ahead, and bends in both directions, on a level road, with GNSS"
+_AXES = ("roll", "pitch", "yaw")
+
+
+def inertial(drives: Sequence[CalibrationDrive], car: Vehicle) -> Iterator[Calibrated]:
+    """Roll, pitch and yaw of the mounting, and offsets of the accelerometers."""
+    sensor = next(((name, s) for name, s in car.sensors.items() if isinstance(s, Imu)), None)
+    if sensor is None or all(np.isnan(drive.forces[:, :2]).all() for drive in drives):
+        return
+    name, imu = sensor
+    forward, left = _forward(drives, imu), _left(drives, car, imu)
+    if forward is None or left is None:
+        return
+    whole = any(np.isfinite(drive.forces[:, 2]).any() for drive in drives)
+    yaw = _joined((-left.values[2], left.deviations[2]), (forward.values[2], forward.deviations[2]))
+    tilts, offsets = [], []
+    for k, (post, sign) in enumerate(((left, 1.0), (forward, -1.0))):
+        by_gyro = _tilt_by_gyro(drives, k, left) if whole else None
+        tilt, offset = _tilt_and_offset(post, sign * GRAVITY, by_gyro, imu.force_bias, whole)
+        tilts.append(tilt)
+        offsets.append(offset)
+    if whole:
+        yield from _mounting(name, imu, [*tilts, yaw])
+    for axis, words, (value, deviation) in ((0, "longitudinal", offsets[1]), (1, "lateral", offsets[0])):
+        before = imu.force_offset[axis]
+        prior = max(imu.force_bias, GRAVITY * _TILT * (not whole))
+        yield Calibrated(
+            f"offset of the {words} accelerometer", "m/s²", before, value, prior, deviation,
+            {f"sensors.{name}.force_offset.{axis}": Change(round(value, 4), deviation)}, _ADVICE,
+        )  # fmt: skip
+
+
+def _left(drives: Sequence[CalibrationDrive], car: Vehicle, imu: Imu) -> Posterior | None:
+    """Lateral force on constant, V r, dV/dt, dr/dt and V² dr/dt."""
+    blocks = []
+    for drive in drives:
+        speed, rate = drive.speed, drive.yaw_rate
+        turning = drive.slope(rate)
+        x = np.column_stack([np.ones(len(speed)), speed * rate, drive.slope(speed), turning, speed**2 * turning])
+        blocks += drive.blocks(x, drive.smooth(drive.forces[:, 1]), drive.driving)
+    slip = compliance(car, "rear")
+    arm = car.physics.chassis.cog_to_rear_axle + imu.position[0]
+    prior = np.array([GRAVITY * _TILT, _ROLLING, _TILT, _ARM, relative_compliance(car, "rear") * slip])
+    return posterior(blocks, np.array([0.0, 1.0, 0.0, arm, -slip]), prior) if blocks else None
+
+
+def _forward(drives: Sequence[CalibrationDrive], imu: Imu) -> Posterior | None:
+    """Longitudinal force on constant, dV/dt, V r and r²."""
+    blocks = []
+    for drive in drives:
+        speed, rate = drive.speed, drive.yaw_rate
+        x = np.column_stack([np.ones(len(speed)), drive.slope(speed), speed * rate, rate**2])
+        blocks += drive.blocks(x, drive.smooth(drive.forces[:, 0]), drive.driving)
+    prior = np.array([GRAVITY * _TILT, _ROLLING, _TILT, 2 * _ARM])
+    return posterior(blocks, np.array([0.0, 1.0, 0.0, -imu.position[0]]), prior) if blocks else None
+
+
+def _tilt_by_gyro(drives: Sequence[CalibrationDrive], axis: int, left: Posterior) -> tuple[float, float] | None:
+    """Roll (axis 0) or pitch (1) of the mounting by what the gyro across reads of turns, with its deviation [rad].
+
+    The body leans in a turn as well, in proportion to the lateral force, of which `left` says by how much.
+    """
+    other, sign = (1, 1.0) if axis == 0 else (0, -1.0)
+    leaning = (left.values[1] - 1) / GRAVITY if axis == 0 else 0.0
+    blocks = []
+    for drive in drives:
+        rate = drive.yaw_rate
+        lateral = drive.speed * rate
+        x = np.column_stack([rate, np.ones(len(rate)), drive.slope(lateral), lateral * rate])
+        blocks += drive.blocks(x, drive.smooth(drive.rates[:, other]), drive.driving)
+    if not blocks:
+        return None
+    prior = np.array([_TILT, _GYRO_BIAS, _LEANING, max(left.deviations[1] / GRAVITY, 1e-4)])
+    found = posterior(blocks, np.array([0.0, 0.0, 0.0, leaning]), prior)
+    return sign * float(found.values[0]), float(found.deviations[0])
+
+
+def _tilt_and_offset(
+    force: Posterior, gain: float, by_gyro: tuple[float, float] | None, bias: float, whole: bool
+) -> tuple[tuple[float, float], tuple[float, float]]:
+    """Tilt [rad] and offset [m/s²], each with its deviation, of the mean force = gain tilt + offset, given the tilt by
+    the gyro. Without all axes the tilt cannot be taken off, and all of it is offset."""
+    mean, deviation = float(force.values[0]), float(force.deviations[0])
+    if not whole:
+        return (0.0, 0.0), (mean, float(np.hypot(deviation, GRAVITY * _MEAN_SLOPE)))
+    design = np.array([[gain, 1.0]])
+    weight = 1 / (deviation**2 + (GRAVITY * _MEAN_SLOPE) ** 2)
+    information = design.T @ design * weight + np.diag([1 / _TILT**2, 1 / bias**2])
+    right = design[0] * mean * weight
+    if by_gyro is not None:
+        information[0, 0] += by_gyro[1] ** -2
+        right[0] += by_gyro[0] / by_gyro[1] ** 2
+    covariance = np.linalg.inv(information)
+    tilt, offset = covariance @ right
+    sigma = np.sqrt(np.diag(covariance))
+    return (float(tilt), float(sigma[0])), (float(offset), float(sigma[1]))
+
+
+def _joined(one: tuple[float, float], other: tuple[float, float]) -> tuple[float, float]:
+    """Mean of two estimates with their deviations, by their precisions."""
+    weights = one[1] ** -2, other[1] ** -2
+    return (
+        float((one[0] * weights[0] + other[0] * weights[1]) / sum(weights)),
+        float(sum(weights) ** -0.5),
+    )
+
+
+def _mounting(name: str, imu: Imu, found: Sequence[tuple[float, float]]) -> Iterator[Calibrated]:
+    """The attitude of the file, turned by the small angles that were found."""
+    determined = [value if deviation < 0.6 * _TILT else 0.0 for value, deviation in found]
+    turned = Rotation.from_rotvec(determined) * Rotation.from_euler("xyz", imu.attitude)
+    attitude = turned.as_euler("xyz")
+    for axis, (words, after, (_, deviation)) in enumerate(zip(_AXES, attitude, found, strict=True)):
+        yield Calibrated(
+            f"{words} of the inertial sensor's mounting", "rad", imu.attitude[axis], float(after), _TILT, deviation,
+            {f"sensors.{name}.attitude.{axis}": Change(round(float(after), 5), deviation)}, _ADVICE,
+        )  # fmt: skip

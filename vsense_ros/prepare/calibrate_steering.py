@@ -1,0 +1,73 @@
+"""Steering ratio, offset and understeer: the steering angle against curvature and lateral acceleration.
+
+In slow turns and fast ones alike, δ = g (L r / V + K V r) + offset, where g is the true ratio over the file's, L the
+wheelbase and K the understeer gradient, which is the cornering compliance of the front axle less that of the rear.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+
+import numpy as np
+
+from vsense_ros.model.sensors import Steering
+from vsense_ros.model.vehicle import Vehicle
+from vsense_ros.prepare.calibrate_course import compliance, relative_compliance
+from vsense_ros.prepare.calibrated import Calibrated, Change
+from vsense_ros.prepare.calibration_drive import CalibrationDrive
+from vsense_ros.prepare.regression import posterior
+
+_RATIO = 0.1  # [-] of the ratio, standard deviation where the file does not say
+_LAG = 0.15  # [s] that a car may answer its steering later, standard deviation
+
+
+def steering(drives: Sequence[CalibrationDrive], car: Vehicle) -> Iterator[Calibrated]:
+    """Steering ratio, its offset, and cornering stiffness of the front axle."""
+    sensor = next(((name, s) for name, s in car.sensors.items() if isinstance(s, Steering)), None)
+    chassis, around = car.physics.chassis, car.observer.surroundings
+    wheelbase = chassis.cog_to_front_axle + chassis.cog_to_rear_axle
+    blocks = []
+    for drive in drives:
+        speed, rate, angle = drive.speed, drive.yaw_rate, drive.smooth(drive.steering)
+        with np.errstate(invalid="ignore", divide="ignore"):
+            x = np.column_stack([wheelbase * rate / speed, speed * rate, np.ones(len(speed)), drive.slope(angle)])
+        blocks += drive.blocks(x, angle, drive.driving)
+    if sensor is None or not blocks:
+        return
+    front, rear = compliance(car, "front"), compliance(car, "rear")
+    ratio = car.physics.steering.ratio
+    stated = car.deviations().get("steering.ratio", _RATIO * ratio) / ratio
+    spread = np.hypot(relative_compliance(car, "front") * front, relative_compliance(car, "rear") * rear)
+    prior = np.array([stated, spread, max(around.steering_offset, 1e-4), _LAG])
+    found = posterior(blocks, np.array([1.0, front - rear, 0.0, 0.0]), prior)
+    share, known = float(found.values[0]), float(found.deviations[0])
+    name, settings = sensor
+    at_road_wheel = settings.gain / share
+    changes = {"physics.steering.ratio": Change(round(ratio * share, 3), ratio * known)}
+    if settings.ratio is not None:
+        changes = {f"sensors.{name}.gain": Change(round(at_road_wheel, 4), at_road_wheel * known)}
+    yield Calibrated(
+        "steering ratio", "-", ratio, ratio * share, ratio * stated, ratio * known, changes,
+        "tight bends at 15 to 30 km/h, as in a car park, and bends of a country road, with GNSS",
+    )  # fmt: skip
+    yield _offset(float(found.values[2]) / share, float(found.deviations[2]) / share, around.steering_offset)
+    after = float(found.values[1]) / share + rear
+    deviation = float(np.hypot(found.deviations[1] / share, relative_compliance(car, "rear") * rear))
+    scale, after = car.physics.front.cornering_scale, max(after, 0.2 * front)
+    value = scale * front / after
+    yield Calibrated(
+        "cornering stiffness of the front axle over the file's tyre", "-", scale, value,
+        relative_compliance(car, "front") * scale, deviation / after * value,
+        {"physics.front.cornering_scale": Change(round(value, 4), deviation / after * value)},
+        "bends at 60 km/h and more with 2 to 4 m/s², as a winding road has, with GNSS",
+    )  # fmt: skip
+
+
+def _offset(value: float, deviation: float, before: float) -> Calibrated:
+    """The observer estimates the offset itself: the file says how large it may be."""
+    size = float(f"{np.hypot(value, 2 * deviation):.2g}")
+    return Calibrated(
+        "offset of the steering, at the road wheels", "rad", 0.0, value, before, deviation,
+        {"observer.surroundings.steering_offset": Change(max(size, 2e-4))},
+        "straight ahead for two minutes",
+    )  # fmt: skip

@@ -1,0 +1,54 @@
+"""What an ordinary drive says of a car's sensors, wheels and steering: estimates, and how sure they are."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass
+
+from vsense_ros.messages.recording import Recording
+from vsense_ros.model.vehicle import Vehicle
+from vsense_ros.prepare.calibrate_course import course
+from vsense_ros.prepare.calibrate_inertial import inertial
+from vsense_ros.prepare.calibrate_noise import noise_levels
+from vsense_ros.prepare.calibrate_radii import radii
+from vsense_ros.prepare.calibrate_steering import steering
+from vsense_ros.prepare.calibrated import Calibrated, apply
+from vsense_ros.prepare.calibration_drive import CalibrationDrive, drive_of
+
+Estimator = Callable[[Sequence[CalibrationDrive], Vehicle], Iterable[Calibrated]]
+
+# Each begins with what those before it have changed: what a turn does needs the gyro's bias and the latencies.
+ESTIMATORS: tuple[Estimator, ...] = (radii, course, steering, inertial, noise_levels)
+
+
+@dataclass(frozen=True)
+class Calibration:
+    """A vehicle before and after, and every quantity that was looked at."""
+
+    before: Vehicle
+    vehicle: Vehicle
+    quantities: tuple[Calibrated, ...]
+
+    @property
+    def paths(self) -> tuple[str, ...]:
+        """Dotted paths of the numbers that have changed."""
+        return tuple(path for one in self.quantities if one.determined for path in one.changes)
+
+    @property
+    def advice(self) -> tuple[str, ...]:
+        """What to drive next for the quantities that the drives do not determine, each once."""
+        return tuple(dict.fromkeys(one.drive_next for one in self.quantities if not one.determined and one.drive_next))
+
+
+def calibrate(recordings: Sequence[Recording], vehicle: Vehicle) -> Calibration:
+    """Calibrate a vehicle by ordinary drives. References in the recordings are not looked at.
+
+    Raises `InputError` for recordings without a GNSS velocity or a yaw rate, or such as are too short.
+    """
+    car, found = vehicle, []
+    source = "calibrated by " + ", ".join(recording.name for recording in recordings)
+    for estimator in ESTIMATORS:
+        made = list(estimator([drive_of(recording, car) for recording in recordings], car))
+        car = apply(car, made, source)
+        found += made
+    return Calibration(vehicle, car, tuple(found))

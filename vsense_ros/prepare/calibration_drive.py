@@ -1,0 +1,171 @@
+"""An ordinary drive on one clock, as calibration looks at it: sensors only, in the axes in which they are mounted."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import signal
+
+from vsense_ros.errors import InputError
+from vsense_ros.messages.recording import Channel, Recording
+from vsense_ros.model.coordinates import WHEELS
+from vsense_ros.model.sensors import Imu, Steering, WheelSpeeds
+from vsense_ros.model.sensors.base import SensorBase
+from vsense_ros.model.sensors.gnss_velocity import GnssVelocity
+from vsense_ros.model.vehicle import Vehicle
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class CalibrationSettings:
+    """Bounds of the driving from which sensors are calibrated: decisions of this project."""
+
+    step: float = 0.02  # [s] of the common clock
+    longest_gap: float = 0.35  # [s] between two messages, to interpolate between them
+    block: float = 12.0  # [s] of driving within which residuals may be correlated
+    least_speed: float = 4.0  # [m/s] below which a course says little
+    linear_acceleration: float = 4.0  # [m/s²] lateral acceleration up to which a car is linear, about
+    cut_off: float = 1.0  # [Hz] below which signals are compared
+    straight: float = 0.02  # [rad/s] yaw rate below which a drive is straight
+    apart: float = 0.1  # [s] between messages by which noise is measured: slower than vibration, faster than motion
+    least_driving: float = 20.0  # [s] of a recording that is used
+
+
+CALIBRATION = CalibrationSettings()
+
+
+@dataclass(frozen=True)
+class CalibrationDrive:
+    """n instants, `CALIBRATION.step` apart; what is not known is NaN. Latencies of the vehicle file are taken off."""
+
+    name: str
+    t: Array  # [s]
+    rates: Array  # (n, 3) [rad/s] of the inertial sensor, in the axes that the vehicle file says are the car's
+    forces: Array  # (n, 3) [m/s²] likewise
+    velocity: Array  # (n, 2) [m/s] east and north by GNSS
+    spin: Array  # (n, 4) [rad/s]
+    steering: Array  # (n,) [rad] road-wheel angle by the vehicle file
+    noise: dict[str, Array]  # standard deviations of single messages, by kind of sensor and component
+
+    def smooth(self, values: Array) -> Array:
+        """A signal (n, …) without what is faster than `CALIBRATION.cut_off`; NaN where it is not known."""
+        known = np.isfinite(values)
+        sections = signal.butter(2, CALIBRATION.cut_off, fs=1 / CALIBRATION.step, output="sos")
+        found = signal.sosfiltfilt(sections, np.where(known, values, 0.0), axis=0)
+        weight = signal.sosfiltfilt(sections, known.astype(float), axis=0)
+        with np.errstate(invalid="ignore", divide="ignore"):
+            return np.where(known & (weight > 0.9), found / weight, np.nan)
+
+    def slope(self, values: Array) -> Array:
+        """Change of a smooth signal (n,) per second."""
+        return np.asarray(np.gradient(values, CALIBRATION.step, axis=0))
+
+    @cached_property
+    def speed(self) -> Array:
+        """Smooth speed over ground by GNSS [m/s], (n,)."""
+        return self.smooth(np.hypot(*self.velocity.T))
+
+    @cached_property
+    def yaw_rate(self) -> Array:
+        """Smooth yaw rate by the gyro [rad/s], (n,)."""
+        return self.smooth(self.rates[:, 2])
+
+    @cached_property
+    def driving(self) -> NDArray[np.bool_]:
+        """Where the car drives, as fast as its course can be believed and as gently as it is linear, (n,)."""
+        with np.errstate(invalid="ignore"):
+            return (self.speed > CALIBRATION.least_speed) & (
+                np.abs(self.speed * self.yaw_rate) < CALIBRATION.linear_acceleration
+            )
+
+    def blocks(self, x: Array, y: Array, where: NDArray[np.bool_]) -> Iterator[tuple[Array, Array]]:
+        """Rows of X (n, k) and y (n,) that are known and meant, by stretches of `CALIBRATION.block`."""
+        good = where & np.isfinite(x).all(axis=1) & np.isfinite(y)
+        length = round(CALIBRATION.block / CALIBRATION.step)
+        for begin in range(0, len(y), length):
+            rows = np.flatnonzero(good[begin : begin + length]) + begin
+            if len(rows) > 0.2 * length:
+                yield x[rows], y[rows]
+
+
+def drive_of(recording: Recording, vehicle: Vehicle) -> CalibrationDrive:
+    """The signals of a recording that the sensors of a vehicle file hear.
+
+    Raises `InputError` for a recording without a GNSS velocity or a yaw rate, or one that is too short.
+    """
+    found: dict[str, tuple[Array, Array]] = {}
+    noise: dict[str, Array] = {}
+    start = recording.start
+    for sensor in vehicle.sensors.values():
+        channel = recording.channels.get(sensor.topic)
+        if channel is None or len(channel) < 20:
+            continue
+        for name, values in _signals(sensor, channel, vehicle):
+            found[name] = (channel.stamp - start) * 1e-9 - sensor.latency, values
+            noise[name] = scatter(channel.stamp, values)
+    for needed, words in (("velocity", "GNSS velocity (gps/velocity)"), ("rates", "yaw rate (imu/data)")):
+        if needed not in found:
+            raise InputError(f"{recording.name}: no {words}; calibration compares the other sensors with it")
+    begin, end = (pick([time[at] for time, _ in found.values()]) for pick, at in ((max, 0), (min, -1)))
+    t = np.arange(begin, end, CALIBRATION.step)
+    if len(t) * CALIBRATION.step < CALIBRATION.least_driving:
+        raise InputError(
+            f"{recording.name}: {max(end - begin, 0.0):.0f} s in which all sensors are heard; expected at least "
+            f"{CALIBRATION.least_driving:.0f} s"
+        )
+    widths = {"rates": 3, "forces": 3, "velocity": 2, "spin": 4, "steering": 1}
+    on_clock = {
+        name: _resampled(*found[name], t) if name in found else np.full((len(t), width), np.nan)
+        for name, width in widths.items()
+    }
+    return CalibrationDrive(recording.name, t, **{**on_clock, "steering": on_clock["steering"][:, 0]}, noise=noise)
+
+
+def _signals(sensor: SensorBase, channel: Channel, vehicle: Vehicle) -> Iterator[tuple[str, Array]]:
+    """What a channel gives for a sensor, by the names of a drive, each (m, k)."""
+    columns = channel.columns
+    if isinstance(sensor, Imu):
+        turned = {**columns, **sensor.message_in_axes_of_car(columns)}
+        yield "rates", turned["angular_velocity"]
+        yield "forces", turned["linear_acceleration"]
+    elif isinstance(sensor, GnssVelocity):
+        yield "velocity", columns["linear"][:, :2]
+    elif isinstance(sensor, WheelSpeeds) and all(f"wheel_{wheel}" in channel.names for wheel in WHEELS):
+        yield "spin", columns["velocity"][:, [channel.names.index(f"wheel_{wheel}") for wheel in WHEELS]]
+    elif isinstance(sensor, Steering):
+        ratio = sensor.ratio or vehicle.physics.steering.ratio
+        for name, factor in (("road_wheel_front", 1.0), ("steering_wheel", 1 / ratio)):
+            if name in channel.names:
+                yield "steering", sensor.gain * factor * columns["position"][:, [channel.names.index(name)]]
+                return
+
+
+def scatter(stamp: NDArray[np.int64], values: Array) -> Array:
+    """Standard deviation of the noise of messages (m, k), component by component: that of second differences over
+    `CALIBRATION.apart`, to which motion adds little, over √6."""
+    stride = max(round(CALIBRATION.apart / max(float(np.median(np.diff(stamp))) * 1e-9, 1e-4)), 1)
+    second = values[: -2 * stride] - 2 * values[stride:-stride] + values[2 * stride :]
+    known = np.isfinite(second)
+    power = np.sum(np.where(known, second, 0.0) ** 2, axis=0) / np.maximum(known.sum(axis=0), 1)
+    return np.where(known.sum(axis=0) > 20, np.sqrt(power / 6), np.nan)
+
+
+def _resampled(time: Array, values: Array, t: Array) -> Array:
+    """Values (m, k) at the times t (n,), NaN in gaps and where they are absent."""
+    order = np.argsort(time, kind="stable")
+    time, values = time[order], values[order]
+    made = np.full((len(t), values.shape[1]), np.nan)
+    for k, column in enumerate(values.T):
+        good = np.isfinite(column)
+        if good.sum() < 20:
+            continue
+        known, at = time[good], column[good]
+        after = np.clip(np.searchsorted(known, t), 1, len(known) - 1)
+        near = known[after] - known[after - 1] <= CALIBRATION.longest_gap
+        made[:, k] = np.where(near, np.interp(t, known, at), np.nan)
+    return made

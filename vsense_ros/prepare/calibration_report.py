@@ -1,0 +1,35 @@
+"""A calibration for the terminal and as JSON."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from rich.console import Console
+
+from vsense_ros.evaluate.terminal import plain_table
+from vsense_ros.prepare.calibration import Calibration
+
+
+def show(found: Calibration, out: Console) -> None:
+    """Print a table of what changed, by how much and how sure that is, and what to drive next."""
+    table = plain_table("quantity", "before", "after", "±", "unit", "", right=("before", "after", "±"))
+    for one in found.quantities:
+        after = f"{one.after:.4g}" if one.determined else f"({one.after:.4g})"
+        words = "" if one.determined else "not determined, stays"
+        table.add_row(one.name, f"{one.before:.4g}", after, f"{one.deviation:.2g}", one.unit, words)
+    out.print(table)
+    for advice in found.advice:
+        out.print(f"To drive next: {advice}.")
+
+
+def as_dict(found: Calibration) -> dict[str, Any]:
+    """Every quantity, and what to drive next."""
+    return {
+        "quantities": [
+            {"name": one.name, "unit": one.unit, "before": one.before, "after": one.after, "deviation": one.deviation,
+             "prior_deviation": one.prior, "determined": one.determined,
+             "changes": {path: change.value for path, change in one.changes.items()} if one.determined else {}}
+            for one in found.quantities
+        ],
+        "drive_next": list(found.advice),
+    }  # fmt: skip

@@ -1,0 +1,53 @@
+"""Linear least squares with Gaussian priors, for signals whose errors last longer than a sample."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Posterior:
+    """Coefficients (k,) with their covariance (k, k), and the standard deviations (k,) that they had before."""
+
+    values: Array
+    covariance: Array
+    prior: Array
+
+    @property
+    def deviations(self) -> Array:
+        """Standard deviations (k,)."""
+        return np.sqrt(np.diag(self.covariance))
+
+    @property
+    def left(self) -> Array:
+        """Share of the prior standard deviation that remains, (k,)."""
+        return self.deviations / self.prior
+
+
+def posterior(blocks: Sequence[tuple[Array, Array]], mean: Array, prior: Array) -> Posterior:
+    """Coefficients c of y = X c over blocks, each X (n, k) and y (n,), given that c is normal with `mean` (k,) and
+    standard deviations `prior` (k,).
+
+    Residuals within a block may be correlated: the variance of one is multiplied by how much more the sums over blocks
+    vary than sums of independent residuals would (the design effect of cluster sampling, Moulton 1986), and by what
+    fitting k coefficients to few blocks hides of it (Cameron & Miller 2015, eq. 10).
+    """
+    x, y = np.vstack([one for one, _ in blocks]), np.concatenate([one for _, one in blocks])
+    before = np.diag(prior**-2.0)
+    at, variance, effect = mean, 1.0, 1.0
+    few = len(blocks) / max(len(blocks) - x.shape[1], 0.5)
+    for _ in range(4):  # the variance depends on the coefficients, and they hardly on it
+        residuals = y - x @ at
+        variance = max(float(np.mean(residuals**2)), 1e-18)
+        sums = np.array([one.T @ (value - one @ at) for one, value in blocks])
+        power = np.sum(x**2, axis=0)
+        effect = few * max(float(np.median(np.sum(sums**2, axis=0) / np.maximum(variance * power, 1e-300))), 1.0)
+        information = x.T @ x / (variance * effect) + before
+        at = np.linalg.solve(information, x.T @ y / (variance * effect) + before @ mean)
+    return Posterior(at, np.linalg.inv(information), prior)
