@@ -62,7 +62,7 @@ def inertial(drives: Sequence[CalibrationDrive], car: Vehicle) -> Iterator[Calib
 
 def _left(drives: Sequence[CalibrationDrive], car: Vehicle, imu: Imu) -> Posterior | None:
     """Lateral force on constant, V r, dV/dt, dr/dt and V² dr/dt."""
-    blocks = []
+    blocks: list[tuple[Array, Array]] = []
     for drive in drives:
         speed, rate = drive.speed, drive.yaw_rate
         turning = drive.slope(rate)
@@ -76,7 +76,7 @@ def _left(drives: Sequence[CalibrationDrive], car: Vehicle, imu: Imu) -> Posteri
 
 def _forward(drives: Sequence[CalibrationDrive], imu: Imu) -> Posterior | None:
     """Longitudinal force on constant, dV/dt, V r and r²."""
-    blocks = []
+    blocks: list[tuple[Array, Array]] = []
     for drive in drives:
         speed, rate = drive.speed, drive.yaw_rate
         x = np.column_stack([np.ones(len(speed)), drive.slope(speed), speed * rate, rate**2])
@@ -92,7 +92,7 @@ def _tilt_by_gyro(drives: Sequence[CalibrationDrive], axis: int, left: Posterior
     """
     other, sign = (1, 1.0) if axis == 0 else (0, -1.0)
     leaning = (left.values[1] - 1) / GRAVITY if axis == 0 else 0.0
-    blocks = []
+    blocks: list[tuple[Array, Array]] = []
     for drive in drives:
         rate = drive.yaw_rate
         lateral = drive.speed * rate

@@ -5,12 +5,15 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 
 import numpy as np
+from numpy.typing import NDArray
 
 from vsense_ros.model.simulation.closed_loop import rolling_radii
 from vsense_ros.model.vehicle import Vehicle
 from vsense_ros.prepare.calibrated import Calibrated, Change
 from vsense_ros.prepare.calibration_drive import CALIBRATION, CalibrationDrive
 from vsense_ros.prepare.regression import posterior
+
+Array = NDArray[np.float64]
 
 _STEADY = 0.5  # [m/s²] below which drive slip is small
 
@@ -21,7 +24,7 @@ def radii(drives: Sequence[CalibrationDrive], car: Vehicle) -> Iterator[Calibrat
     for axle, wheels in (("front", slice(0, 2)), ("rear", slice(2, 4))):
         if all(np.isnan(drive.spin).all() for drive in drives):
             continue
-        blocks = []
+        blocks: list[tuple[Array, Array]] = []
         for drive in drives:
             spin = drive.smooth(drive.spin[:, wheels].mean(axis=1))
             straight = np.abs(drive.yaw_rate) < CALIBRATION.straight

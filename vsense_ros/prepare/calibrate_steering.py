@@ -9,6 +9,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 
 import numpy as np
+from numpy.typing import NDArray
 
 from vsense_ros.model.sensors import Steering
 from vsense_ros.model.vehicle import Vehicle
@@ -16,6 +17,8 @@ from vsense_ros.prepare.calibrate_course import compliance, relative_compliance
 from vsense_ros.prepare.calibrated import Calibrated, Change
 from vsense_ros.prepare.calibration_drive import CalibrationDrive
 from vsense_ros.prepare.regression import posterior
+
+Array = NDArray[np.float64]
 
 _RATIO = 0.1  # [-] of the ratio, standard deviation where the file does not say
 _LAG = 0.15  # [s] that a car may answer its steering later, standard deviation
@@ -26,7 +29,7 @@ def steering(drives: Sequence[CalibrationDrive], car: Vehicle) -> Iterator[Calib
     sensor = next(((name, s) for name, s in car.sensors.items() if isinstance(s, Steering)), None)
     chassis, around = car.physics.chassis, car.observer.surroundings
     wheelbase = chassis.cog_to_front_axle + chassis.cog_to_rear_axle
-    blocks = []
+    blocks: list[tuple[Array, Array]] = []
     for drive in drives:
         speed, rate, angle = drive.speed, drive.yaw_rate, drive.smooth(drive.steering)
         with np.errstate(invalid="ignore", divide="ignore"):
