@@ -9,7 +9,7 @@ from typing import Any
 
 import click
 
-from vsense_ros.cli.common import EXISTING, NEW_FILE, distinct_names, import_named, vehicle_option
+from vsense_ros.cli.common import EXISTING, NEW_FILE, vehicle_option
 
 DOUBTFUL = 1  # exit code of a check that found something
 
@@ -148,6 +148,7 @@ def calibrate(recordings: tuple[Path, ...], vehicle: str, output: Path | None, a
       vsense calibrate drive --vehicle my_car.yaml --output my_car.calibrated.yaml
       vsense calibrate lap_1 lap_2 --vehicle my_car.yaml
     """
+    from vsense_ros.api.recording import read_all
     from vsense_ros.errors import InputError
     from vsense_ros.evaluate.terminal import console, say, waiting
     from vsense_ros.files.installed import vehicle_path
@@ -161,7 +162,7 @@ def calibrate(recordings: tuple[Path, ...], vehicle: str, output: Path | None, a
     if target.exists() and target.resolve() == source.resolve():
         raise InputError(f"{target} is the vehicle file itself; give another name with --output")
     with waiting("reading"):
-        drives = import_named(recordings, distinct_names(recordings))
+        (drives,) = read_all(recordings)
     with waiting("calibrating"):
         found = job(drives, car)
     save_changes(source, target, found.vehicle, found.paths)

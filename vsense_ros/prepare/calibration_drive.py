@@ -106,7 +106,7 @@ def drive_of(recording: Recording, vehicle: Vehicle) -> CalibrationDrive:
         if channel is None or len(channel) < 20:
             continue
         for name, values in _signals(sensor, channel, vehicle):
-            time: Array = (channel.stamp - start) * 1e-9 - sensor.latency
+            time = np.asarray((channel.stamp - start) * 1e-9 - sensor.latency, dtype=np.float64)
             found[name] = time, values
             noise[name] = scatter(channel.stamp, values)
     for needed, words in (("velocity", "GNSS velocity (gps/velocity)"), ("rates", "yaw rate (imu/data)")):
