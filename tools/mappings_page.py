@@ -10,6 +10,7 @@ from pydantic import BaseModel
 from pydantic.fields import FieldInfo
 
 from vsense_ros.bag.importers import mapping as columns
+from vsense_ros.bag.importers import topic_mapping
 from vsense_ros.driver import can_mapping
 from vsense_ros.messages import units
 
@@ -20,6 +21,8 @@ is made from the code that reads them.
 
 - Tables of text, MATLAB and MDF files: `vsense import log.csv --guess > log.yaml` proposes one,
   `vsense import log.csv log --mapping log.yaml` uses it.
+- Bags whose topics have other names: `vsense import foreign_bag --guess > topics.yaml` proposes one,
+  `vsense import foreign_bag drive --mapping topics.yaml` uses it.
 - CAN logs: `vsense can drive.blf --dbc car.dbc --output car.yaml` proposes one,
   `vsense import drive.blf drive --dbc car.dbc --mapping car.yaml` uses it, and so does the node `can_driver`.
 
@@ -42,6 +45,10 @@ def page() -> str:
         *_fields(),
         "### An example\n",
         *_example(),
+        "## Bags\n",
+        *_prose(topic_mapping.__doc__),
+        *_keys("The file", topic_mapping.TopicMapping),
+        *_keys("An entry of `topics`", topic_mapping.TopicSource),
         "## CAN\n",
         *_keys("The file", can_mapping.CanMapping),
         *_keys("An entry of `messages`", can_mapping.MessageCheck),
@@ -80,8 +87,13 @@ def _fields() -> list[str]:
 
 
 def _example() -> list[str]:
-    """The file that the module's docstring shows, and what it says about it."""
-    text = (columns.__doc__ or "").partition("\n\n")[2]
+    """The file of a table that the module's docstring shows, and what it says about it."""
+    return _prose(columns.__doc__)
+
+
+def _prose(text: str | None) -> list[str]:
+    """What a module says of a file below its first line, with the example that it shows."""
+    text = (text or "").partition("\n\n")[2].strip("\n")
     lines = []
     for paragraph in text.split("\n\n"):
         if paragraph.startswith("    "):

@@ -170,7 +170,7 @@ def test_a_topic_that_nothing_reads_is_told() -> None:
     recording = drive()
     odd = replace(recording["imu/data"], topic="imu/raw")
     found = inspect(replace(recording, channels={**recording.channels, "imu/raw": odd}))
-    assert found.problems == ("imu/raw: no topic of this project: nothing reads it",)
+    assert found.problems == ("imu/raw: no topic of this project: nothing reads it, unless a mapping says what it is",)
 
 
 def test_a_jump_of_the_position_is_told_with_time_and_size() -> None:

@@ -9,6 +9,7 @@ import numpy as np
 
 from vsense_ros.bag.mcap import Payloads, Times
 from vsense_ros.messages import cdr
+from vsense_ros.messages.foreign import converted, is_foreign
 from vsense_ros.messages.recording import Channel
 
 LONGEST_RECORDING = 86_400_000_000_000  # [ns] a day: times further from the median are impossible
@@ -42,7 +43,11 @@ def channels_of(gathered: Iterable[tuple[str, TopicMessages]], notes: list[str])
             order = np.argsort(received, kind="stable")
             received = received[order]
             payloads = payloads[order] if isinstance(payloads, np.ndarray) else [payloads[i] for i in order]
-        decoded = cdr.decode_channel(messages.kind, topic, payloads, received)
+        if is_foreign(messages.kind):
+            channel, damaged = converted(messages.kind, topic, payloads, received)
+            decoded = cdr.Decoded(channel, damaged, "cut off" if damaged else "", {})
+        else:
+            decoded = cdr.decode_channel(messages.kind, topic, payloads, received)
         if decoded.channel is not None:
             decoded = replace(decoded, channel=_with_possible_times(decoded.channel, notes))
         if decoded.channel is not None:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Container, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -14,6 +14,7 @@ from vsense_ros.bag.decoding import LONGEST_RECORDING, TopicMessages, channels_o
 from vsense_ros.bag.mcap import McapFile, Payloads, Times, read_file, unpacked_zstd
 from vsense_ros.bag.metadata import RELIABLE_QOS, TopicDescription, custom_data, information_in, parsed
 from vsense_ros.errors import InputError
+from vsense_ros.messages.foreign import READABLE
 from vsense_ros.messages.memory import give_back
 from vsense_ros.messages.recording import FIELDS, Recording
 
@@ -60,10 +61,6 @@ class _Topic:
     @property
     def count(self) -> int:
         return sum(len(times) for _, times in self.pieces)
-
-    @property
-    def is_numeric(self) -> bool:
-        return self.is_cdr and self.kind in FIELDS
 
     def joined(self) -> TopicMessages:
         """All pieces as one. Each is let go once it is copied, so that a long bag is not in memory twice."""
@@ -154,22 +151,28 @@ def _without_compression(piece: tuple[Payloads, Times]) -> tuple[Payloads, Times
 def read_bag(path: str | Path) -> Recording:
     """Read a bag folder or a single `.mcap` file.
 
-    All intact messages of the types in `messages.recording.FIELDS` are returned, topics without their leading slash;
-    what was lost or skipped, and where, stands in `notes`, the known number of lost messages in `messages_lost`.
+    All intact messages of types that become numbers (`messages.foreign.READABLE`) are returned, topics without their
+    leading slash; what was lost or skipped, and where, stands in `notes`, the known number of lost messages in
+    `messages_lost`.
 
     Raises `InputError` if there is no such bag, if it is none, or if it holds no message.
     """
-    return read_whole_bag(path).recording
+    return _read(path, READABLE).recording
 
 
 def read_whole_bag(path: str | Path) -> WholeBag:
-    """Read a bag with the messages of types that have no numeric form, too. Raises as `read_bag`."""
+    """Read a bag with the messages of types that have no numeric form of their own, too. Raises as `read_bag`."""
+    return _read(path, FIELDS)
+
+
+def _read(path: str | Path, kinds: Container[str]) -> WholeBag:
+    """Read a bag, of which messages of these types become numbers."""
     path = Path(path)
     if path.exists() and not (path.is_file() or path.is_dir()):
         raise InputError(f"{path}: neither a folder nor a regular file; expected a bag folder or a .mcap file")
     bag = _gathered(path)
-    others = {name: topic for name, topic in bag.topics.items() if not topic.is_numeric}
-    numeric = [name for name, topic in bag.topics.items() if topic.is_numeric]
+    numeric = [name for name, topic in bag.topics.items() if topic.is_cdr and topic.kind in kinds]
+    others = {name: topic for name, topic in bag.topics.items() if name not in numeric}
     notes = [
         *bag.notes,
         *bag.damage,

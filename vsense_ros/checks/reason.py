@@ -107,7 +107,7 @@ class Reason(Enum):
     MESSAGES_LOST = "{count:.0f} messages are lost; the notes say where"
     DAMAGED = "{damage}"
     NO_KNOWN_TOPIC = "has none of the topics that are read here: it has {topics}"
-    TOPIC_UNKNOWN = "no topic of this project: nothing reads it"
+    TOPIC_UNKNOWN = "no topic of this project: nothing reads it, unless a mapping says what it is"
     TYPE_UNEXPECTED = "type is {actual}, expected {expected}"
     FRAME_UNEXPECTED = "{what} is '{actual}', expected '{expected}'"
     NAMES_UNKNOWN = "names {actual} are unknown, expected {expected}"

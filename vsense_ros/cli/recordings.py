@@ -28,7 +28,7 @@ from vsense_ros.files.names import printable
     "--option", "options", multiple=True, metavar="KEY=VALUE", callback=key_value_pairs, help="Passed to the importer."
 )
 @click.option("--overwrite", is_flag=True, help="Replace an existing bag at OUT.")
-@click.option("--guess", "proposed", is_flag=True, help="Propose a column mapping for a table or measurement; no OUT.")
+@click.option("--guess", "proposed", is_flag=True, help="Propose a mapping for a table, measurement or bag; no OUT.")
 def import_(
     sources: tuple[Path, ...],
     out: Path,
@@ -45,6 +45,7 @@ def import_(
       vsense import laps/med_lap_center_8_21.mat med_lap
       vsense import log.csv --guess > log.yaml
       vsense import log.csv log --mapping log.yaml
+      vsense import foreign_bag --guess > topics.yaml
       vsense import drive.blf drive --dbc car.dbc --mapping config/can/toyota_rav4_2017.yaml
       vsense import drive.blf gnss.csv drive --dbc car.dbc --mapping can.yaml --mapping gnss.yaml
       vsense import segment/ rav4 --option rolling_radius=0.35
@@ -90,8 +91,10 @@ def _propose(sources: tuple[Path, ...]) -> None:
     from vsense_ros.bag.importers.guess import guess
 
     for source in sources:
-        if not source.is_file():
-            raise InputError(f"{source}: no such file; --guess proposes a mapping for a table or a measurement file")
+        if not source.exists():
+            raise InputError(
+                f"{source}: no such file; --guess proposes a mapping for a table, a measurement file or a bag"
+            )
         proposal = guess(source)
         remarks = [f"A proposal for {source.name}: look at every line, then import with --mapping.", *proposal.remarks]
         for remark in remarks:

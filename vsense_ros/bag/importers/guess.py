@@ -15,12 +15,13 @@ from ruamel.yaml import YAML
 from vsense_ros.bag.importers import mapping as mapping_file
 from vsense_ros.bag.importers import mat, mdf4, text_table
 from vsense_ros.bag.importers.build import Array
+from vsense_ros.bag.importers.guess_topics import topics_of
 from vsense_ros.checks.examination import findings
 from vsense_ros.checks.finding import Kind
 from vsense_ros.checks.sentences import sentence
 from vsense_ros.errors import InputError
 from vsense_ros.messages import units
-from vsense_ros.messages.topics import WHEELS
+from vsense_ros.messages.topics import TOPICS, WHEELS
 
 _START = r"^(?:.*[ ._:])?"
 _END = r"(?:[ _]?\[.*|[ _]?\(.*|_?\d*)?$"
@@ -54,6 +55,7 @@ _NAMES: tuple[tuple[str, str, str], ...] = (
     *(("vehicle/wheel_speeds", f"velocity.wheel_{wheel}", _WHEEL.format(_SIDES[wheel])) for wheel in WHEELS),
 )
 _TIME = re.compile(_START + r"(?:time|timestamp|zeit|t|utc|elapsed(?:[ _]time)?|seconds)" + _END, re.IGNORECASE)
+_BAGS = ("mcap", "rosbag1", "rosbag2")  # importers whose mapping is one of topics
 _MOST_TURNS = 3  # rounds of reversing signs, each of which may show another one
 _RADIUS = 0.32  # [m] of a wheel whose speed is told at its rim
 
@@ -67,10 +69,14 @@ class Proposal:
 
 
 def guess(path: Path) -> Proposal:
-    """A mapping for a table, an MDF or a MATLAB file.
+    """A mapping for a table, an MDF or a MATLAB file, or for the topics of a bag.
 
-    Raises `InputError` where nothing in it has a name that is known.
+    Raises `InputError` where nothing in it has a name or a type that is known.
     """
+    from vsense_ros.bag.importers import find_importer
+
+    if find_importer(path).name in _BAGS:
+        return _of_bag(path)
     content, columns, stated = _columns(path)
     remarks: list[str] = []
     topics: dict[str, Any] = {}
@@ -89,16 +95,36 @@ def guess(path: Path) -> Proposal:
         raise InputError(f"{path}: none of its columns has a name that is known; found: {', '.join(columns)[:600]}")
     content["topics"] = topics
     _turn_signs(path, content, remarks)
+    left = [name for name in columns if name not in taken]
+    if left:
+        remarks.append(f"not used: {', '.join(left[:20])}{' …' if len(left) > 20 else ''}")
+    return Proposal(_yaml(content), tuple(remarks))
+
+
+def _of_bag(path: Path) -> Proposal:
+    """A mapping for the topics of a bag that are not called as those of this project."""
+    from vsense_ros.bag.importers import import_recording
+
+    recording = import_recording(path)
+    topics, remarks = topics_of(recording)
+    if not topics:
+        own = [topic for topic in recording.channels if topic in TOPICS]
+        why = f"; {', '.join(own)} are read as they are" if own else ""
+        raise InputError(
+            f"{path}: no topic of it measures something under another name{why}; it has "
+            f"{', '.join(recording.channels) or 'none that can be read'}"
+        )
+    return Proposal(_yaml({"topics": topics}), tuple(remarks))
+
+
+def _yaml(content: Mapping[str, Any]) -> str:
     text = StringIO()
     writer = YAML(typ="safe")
     writer.default_flow_style = None
     writer.sort_base_mapping_type_on_output = False  # type: ignore[assignment]
     writer.width = 118
     writer.dump(content, text)
-    left = [name for name in columns if name not in taken]
-    if left:
-        remarks.append(f"not used: {', '.join(left[:20])}{' …' if len(left) > 20 else ''}")
-    return Proposal(text.getvalue(), tuple(remarks))
+    return text.getvalue()
 
 
 def _columns(path: Path) -> tuple[dict[str, Any], dict[str, Array], dict[str, str]]:

@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from pathlib import Path
+from typing import Any
 
-from vsense_ros.bag.reading import read_bag as read
-
-__all__ = ["DESCRIPTION", "NAME", "matches", "read"]
+from vsense_ros.bag.importers.topic_mapping import mapped
+from vsense_ros.bag.reading import read_bag
+from vsense_ros.messages.recording import Recording
 
 NAME = "mcap"
 DESCRIPTION = "ROS 2 bag in MCAP"
@@ -15,3 +17,9 @@ DESCRIPTION = "ROS 2 bag in MCAP"
 def matches(path: Path) -> bool:
     """True if `path` is an MCAP file, or a folder with one or with the metadata of a bag."""
     return path.suffix == ".mcap" or (path / "metadata.yaml").exists() or any(path.glob("*.mcap"))
+
+
+def read(path: Path, *, mapping: str | Path | Mapping[str, Any] | None = None) -> Recording:
+    """All messages of types that become numbers (`messages.foreign.READABLE`), topics without their leading slash;
+    `mapping` says which topics are those of this project (see `topic_mapping`)."""
+    return mapped(read_bag(path), mapping)

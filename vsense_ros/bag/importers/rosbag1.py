@@ -3,12 +3,15 @@
 from __future__ import annotations
 
 import struct
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from pathlib import Path
+from typing import Any
 
 from vsense_ros.bag.decoding import TopicMessages, channels_of
+from vsense_ros.bag.importers.topic_mapping import mapped
 from vsense_ros.errors import InputError
-from vsense_ros.messages.recording import FIELDS, Recording
+from vsense_ros.messages.foreign import READABLE
+from vsense_ros.messages.recording import Recording
 
 NAME = "rosbag1"
 DESCRIPTION = "ROS 1 bag (.bag)"
@@ -24,8 +27,14 @@ def matches(path: Path) -> bool:
         return file.read(7) == _MAGIC or path.suffix == ".bag"
 
 
-def read(path: Path) -> Recording:
-    """All messages of the types in `messages.recording.FIELDS`, topics without their leading slash."""
+def read(path: Path, *, mapping: str | Path | Mapping[str, Any] | None = None) -> Recording:
+    """All messages of types that become numbers (`messages.foreign.READABLE`), topics without their leading slash;
+    `mapping` says which topics are those of this project (see `topic_mapping`)."""
+    return mapped(_whole(path), mapping)
+
+
+def _whole(path: Path) -> Recording:
+    """All topics under their own names."""
     from rosbags.convert.converter import generate_message_converter
     from rosbags.rosbag1 import Reader, ReaderError
     from rosbags.typesys import Stores, get_typestore
@@ -47,7 +56,7 @@ def read(path: Path) -> Recording:
             rows = (row for connection in bag.connections for row in bag.messages(connections=[connection]))
             for connection, time, data in rows:
                 topic, kind = connection.topic.lstrip("/"), connection.msgtype
-                if kind not in FIELDS or (topic in merged and merged[topic].kind != kind):
+                if kind not in READABLE or (topic in merged and merged[topic].kind != kind):
                     skipped[topic, kind] = skipped.get((topic, kind), 0) + 1
                     continue
                 if kind not in converters:

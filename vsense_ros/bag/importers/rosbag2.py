@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import sqlite3
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -12,10 +12,12 @@ from typing import Any
 import zstandard
 
 from vsense_ros.bag.decoding import TopicMessages, channels_of
+from vsense_ros.bag.importers.topic_mapping import mapped
 from vsense_ros.bag.reading import read_bag
 from vsense_ros.errors import InputError
 from vsense_ros.messages import yaml_text
-from vsense_ros.messages.recording import FIELDS, Recording
+from vsense_ros.messages.foreign import READABLE
+from vsense_ros.messages.recording import Recording
 
 NAME = "rosbag2"
 DESCRIPTION = "ROS 2 bag in SQLite, or compressed by rosbag2 (.db3, .db3.zstd, .mcap.zstd)"
@@ -47,8 +49,14 @@ def matches(path: Path) -> bool:
     return bool(_parts(path)) and not any(path.glob("*.mcap"))
 
 
-def read(path: Path) -> Recording:
-    """All messages of the types in `messages.recording.FIELDS`, topics without their leading slash."""
+def read(path: Path, *, mapping: str | Path | Mapping[str, Any] | None = None) -> Recording:
+    """All messages of types that become numbers (`messages.foreign.READABLE`), topics without their leading slash;
+    `mapping` says which topics are those of this project (see `topic_mapping`)."""
+    return mapped(_whole(path), mapping)
+
+
+def _whole(path: Path) -> Recording:
+    """All topics under their own names."""
     parts = [path] if path.is_file() else _parts(path)
     notes: list[str] = []
     damage: list[str] = []
@@ -169,7 +177,7 @@ def _take(
         }
         for number, time, data in _rows(part, connection, damage):
             topic, kind, form = topics.get(number, (f"(topic {number})", "(unknown type)", ""))
-            if kind not in FIELDS or form != "cdr":
+            if kind not in READABLE or form != "cdr":
                 skipped[topic, kind] = skipped.get((topic, kind), 0) + 1
                 continue
             if per_message or data.startswith(_ZSTD):
