@@ -68,6 +68,14 @@ def test_the_command_prints_the_proposal_for_a_folder(foreign):
     assert "# /ublox/fix_velocity: a velocity to the east and north" in done.output
 
 
+def test_a_topic_with_its_name_but_another_frame_gets_the_frame_of_its_sensor(original, tmp_path):
+    imu = original["imu/data"]
+    moved = Channel(imu.topic, imu.kind, imu.stamp, imu.received, imu.columns, "imu")
+    write_bag(tmp_path / "bag", Recording({"imu/data": moved}))
+    (tmp_path / "topics.yaml").write_text(guess(tmp_path / "bag").text, encoding="utf-8")
+    assert import_recording(tmp_path / "bag", mapping=tmp_path / "topics.yaml")["imu/data"].frame_id == "imu_link"
+
+
 def test_a_velocity_forward_is_told_from_one_over_ground(original, tmp_path):
     """Both are TwistStamped, under names that say nothing."""
     ground, wheels = original["gps/velocity"], original["vehicle/wheel_speeds"]

@@ -114,13 +114,14 @@ def _of_bag(path: Path) -> Proposal:
             f"{path}: no topic of it measures something under another name{why}; it has "
             f"{', '.join(recording.channels) or 'none that can be read'}"
         )
-    return Proposal(_yaml({"topics": topics}), tuple(remarks))
+    return Proposal(_yaml({"topics": topics}, in_lines=True), tuple(remarks))
 
 
-def _yaml(content: Mapping[str, Any]) -> str:
+def _yaml(content: Mapping[str, Any], *, in_lines: bool = False) -> str:
+    """A mapping as text, each entry in a line of its own if `in_lines`, else short ones in one line."""
     text = StringIO()
     writer = YAML(typ="safe")
-    writer.default_flow_style = None
+    writer.default_flow_style = False if in_lines else None
     writer.sort_base_mapping_type_on_output = False  # type: ignore[assignment]
     writer.width = 118
     writer.dump(content, text)

@@ -27,6 +27,12 @@ def topics_of(recording: Recording) -> tuple[dict[str, Any], list[str]]:
     found: dict[str, Any] = {}
     remarks: list[str] = []
     free = {name: channel for name, channel in recording.channels.items() if len(channel) and name not in TOPICS}
+    for name, channel in recording.channels.items():
+        about = TOPICS.get(name)
+        expected = about.frame_id if about is not None and about.kind == channel.kind else ""
+        if expected and channel.frame_id not in ("", expected):
+            found[name] = f"/{name}"
+            remarks.append(f"/{name}: its frame is {channel.frame_id!r}, taken for {expected!r}")
 
     def take(topic: str, channel: Channel | None, names: dict[str, str] | None = None, why: str = "") -> None:
         if channel is None or topic in found or topic in recording:
