@@ -167,6 +167,16 @@ def test_the_proposed_mapping_imports_unedited_what_the_car_did(language, reques
     np.testing.assert_allclose(steering, truth["steering"], atol=0.01)
 
 
+def test_guess_proposes_the_same_mapping_for_a_can_log(german):
+    log, dbc = german
+    done = CliRunner().invoke(main, ["import", str(log), "--dbc", str(dbc), "--guess"])
+    assert done.exit_code == 0, done.output
+    assert vs.survey_can(log, [dbc]).mapping() in done.output
+    refused = CliRunner().invoke(main, ["import", str(log), "--guess"])
+    assert refused.exit_code == 2
+    assert "--dbc FILE" in refused.output
+
+
 def test_a_magnitude_is_proposed_with_the_bit_of_its_sign(german):
     content = vs.survey_can(german[0], [german[1]])
     steering = content.roles.steering_wheel

@@ -62,7 +62,7 @@ def import_(
     from vsense_ros.model.sensors import known_topics
 
     if proposed:
-        _propose((*sources, out))
+        _propose((*sources, out), dbc)
         return
     if not sources:
         raise InputError(f"{out}: expected a recording and the bag to write, found one of the two")
@@ -86,7 +86,7 @@ def import_(
     say(f"Written to {out}.")
 
 
-def _propose(sources: tuple[Path, ...]) -> None:
+def _propose(sources: tuple[Path, ...], dbc: Path | None) -> None:
     """Print a mapping, with what was assumed as comments."""
     from vsense_ros.bag.importers.guess import guess
 
@@ -95,7 +95,7 @@ def _propose(sources: tuple[Path, ...]) -> None:
             raise InputError(
                 f"{source}: no such file; --guess proposes a mapping for a table, a measurement file or a bag"
             )
-        proposal = guess(source)
+        proposal = guess(source, dbc)
         remarks = [f"A proposal for {source.name}: look at every line, then import with --mapping.", *proposal.remarks]
         for remark in remarks:
             click.echo(f"# {' '.join(printable(remark).split())}")  # on its line, whatever a column is called

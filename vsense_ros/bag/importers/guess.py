@@ -12,6 +12,9 @@ from typing import Any
 import numpy as np
 from ruamel.yaml import YAML
 
+from vsense_ros.bag.can_proposal import proposal
+from vsense_ros.bag.can_roles import recognize
+from vsense_ros.bag.can_survey import survey
 from vsense_ros.bag.importers import mapping as mapping_file
 from vsense_ros.bag.importers import mat, mdf4, text_table
 from vsense_ros.bag.importers.build import Array
@@ -68,15 +71,21 @@ class Proposal:
     remarks: tuple[str, ...]
 
 
-def guess(path: Path) -> Proposal:
-    """A mapping for a table, an MDF or a MATLAB file, or for the topics of a bag.
+def guess(path: Path, dbc: Path | None = None) -> Proposal:
+    """A mapping for a table, an MDF or a MATLAB file, for the topics of a bag, or with a database for a CAN log.
 
     Raises `InputError` where nothing in it has a name or a type that is known.
     """
     from vsense_ros.bag.importers import find_importer
 
-    if find_importer(path).name in _BAGS:
+    importer = find_importer(path, () if dbc is None else ("dbc",)).name
+    if importer in _BAGS:
         return _of_bag(path)
+    if importer == "can_log":
+        if dbc is None:
+            raise InputError(f"{path}: a CAN log is frames of bytes; what they mean needs a database (--dbc FILE)")
+        heard = survey(path, [dbc])
+        return Proposal(proposal(heard, recognize(heard)), ())
     content, columns, stated = _columns(path)
     remarks: list[str] = []
     topics: dict[str, Any] = {}
