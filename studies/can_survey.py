@@ -357,8 +357,10 @@ def _frames(
     """Frames of a message with the signals in `mine`, and in those bits that are left with whatever other signals."""
     rows = np.arange(0, len(time), step)
     fields = {signal.name: SignalField.of(signal, message) for signal in message.signals}
+    # The page of a multiplexed message on which the signals that count are.
+    page = {selector.name: min(values) for name in mine for selector, values in fields[name].pages}
     taken, columns = 0, []
-    for name in sorted(fields, key=lambda one: one not in mine):
+    for name in sorted(fields, key=lambda one: one not in {*mine, *page}):
         field = fields[name]
         if field.last >= message.length:
             continue
@@ -369,6 +371,8 @@ def _frames(
         low, high = field.raw_range
         if name in mine:
             raw = np.clip(np.round((mine[name][rows] - field.offset) / field.scale), low, high).astype(object)
+        elif name in page:
+            raw = np.full(len(rows), page[name], dtype=object)
         elif rng.uniform() < 0.5:
             raw = np.full(len(rows), int(rng.integers(low, min(high, low + 2**31), endpoint=True)), dtype=object)
         else:
