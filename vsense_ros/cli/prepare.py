@@ -35,8 +35,8 @@ _WELCOME = {
 @click.option("--track", type=float, metavar="M", help="Distance between the front wheels.")
 @click.option("--track-rear", type=float, metavar="M", help="Distance between the rear wheels; default: as in front.")
 @click.option("--axle-load-front", type=float, metavar="KG", help="Part of the mass on the front wheels.")
-@click.option("--tyre", metavar="SIZE", help="Such as 205/55R16 or, with its load index, 205/55R16 91V.")
-@click.option("--tyre-rear", metavar="SIZE", help="Of the rear wheels; default: as in front.")
+@click.option("--tyre", metavar="SIZE", help="Tyre size, such as 205/55R16 or, with its load index, 205/55R16 91V.")
+@click.option("--tyre-rear", metavar="SIZE", help="Tyre size of the rear wheels; default: as in front.")
 @click.option(
     "--driven", type=click.Choice(["front", "rear", "all"]), default="front", show_default=True, help="Driven wheels."
 )
@@ -46,7 +46,7 @@ _WELCOME = {
     "--like", type=click.Choice(["compact", "saloon", "suv", "van", "formula-student"]),
     help="Kind of car; default: what mass, wheelbase and height make likely.",
 )  # fmt: skip
-@click.option("--force", is_flag=True, help="Replace FILE if there is one.")
+@click.option("--force", is_flag=True, help="Replace an existing FILE.")
 def new_vehicle(output: Path, force: bool, **values: Any) -> None:
     """Write the vehicle file of a car from catalogue values.
 
@@ -99,20 +99,20 @@ def _number(text: str) -> float | None:
 
 @click.command()
 @click.argument("vehicle", metavar="VEHICLE")
-@click.option("--json", "as_json", is_flag=True, help="Print what was found as JSON.")
+@click.option("--json", "as_json", is_flag=True, help="Print the result as JSON.")
 @click.pass_context
 def check(context: click.Context, vehicle: str, as_json: bool) -> None:
-    """Check whether VEHICLE is a car.
-
-    Compares its weight distribution, inertias, natural frequencies, tyres at their loads, understeer and roll gradient,
-    places and noise of its sensors with the ranges of real cars, and names the mistake that explains a figure outside:
-    other units, exchanged distances, a diameter in place of a radius. Ends with 0 if nothing looks wrong, with 1 if
-    something does.
+    """Check whether the figures of VEHICLE are those of a real car.
 
     \b
     Examples:
       vsense check my_car.yaml
       vsense check my_car.yaml --json
+
+    Compares weight distribution, inertias, natural frequencies, tyres at their loads, understeer and roll gradient, and
+    positions and noise of the sensors with the ranges of real cars. If a figure is outside, the command names the
+    mistake that explains it: wrong units, exchanged distances, or a diameter instead of a radius. The exit code is 0 if
+    nothing looks wrong, and 1 otherwise.
     """
     from vsense_ros.evaluate.terminal import say
     from vsense_ros.files.installed import vehicle_path

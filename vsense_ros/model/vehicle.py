@@ -51,7 +51,7 @@ else:
 class Reference(Part):
     """Where the reference system of a recording sits, if it does not measure at cog; only comparisons use it."""
 
-    position: Triple = parameter("m", "the point it refers to, in the axes of cog", default=(0.0, 0.0, 0.0))
+    position: Triple = parameter("m", "position of the reference point, in the axes of cog", default=(0.0, 0.0, 0.0))
     yaw: float = parameter("rad", "direction of its forward axis in the axes of cog", default=0.0)
 
 

@@ -1,11 +1,11 @@
-"""Accelerator: kernels of the observer behind a link, as hardware would offer them, on two topics.
+"""Accelerator: computes kernels of the observer on request, as hardware would, on two topics.
 
-A request on `accelerator/request` is answered on `accelerator/response`, both `std_msgs/UInt8MultiArray` with the bytes
-of one frame, whose label names the kernel. The kernels are computed with the same bits by NumPy (`mock`) or by the
-hardware's sources themselves (`rtl`, by Verilator); `off` answers nothing. Faults can be put in on purpose.
+A request on `accelerator/request` is answered on `accelerator/response`. Both have the type `std_msgs/UInt8MultiArray`
+and contain the bytes of one frame; the label names the kernel. NumPy (`mock`) or the hardware sources themselves
+(`rtl`, with Verilator) compute the kernels, with identical bits; `off` does not answer. Faults can be injected.
 
-Two messages between processes take longer than the work that they carry: this node shows what belongs where and that
-nothing breaks, it makes nothing faster.
+Two messages between processes take longer than the computation that they carry. The node demonstrates the division of
+work and its fault tolerance; it does not make the observer faster.
 """
 
 from __future__ import annotations
@@ -35,13 +35,15 @@ class AcceleratorParameters(NodeParameters):
     """Kernels, link and faults."""
 
     backend: Literal["mock", "rtl", "off"] = Field("mock", description="NumPy, simulated hardware, or silent")
-    kernels: tuple[str, ...] = Field(tuple(KERNELS), description="kernels that are there")
-    clock_mhz: float = parameter(_LINK.clock_mhz, "MHz", "clock of the hardware, assumed", gt=0, le=2000)
+    kernels: tuple[str, ...] = Field(tuple(KERNELS), description="kernels that it offers")
+    clock_mhz: float = parameter(_LINK.clock_mhz, "MHz", "assumed clock of the hardware", gt=0, le=2000)
     stream_bits: int = parameter(_LINK.stream_bits, "bit", "width of the link", ge=32, le=1024)
     setup_us: float = parameter(_LINK.setup_us, "µs", "set-up of a transfer", ge=0, le=1e6)
     jitter_us: float = parameter(0.0, "µs", "standard deviation of a transfer's time", ge=0, le=1e6)
-    faults: str = Field("", description="probabilities, such as 'drop: 0.01, delay: 0.1, delay_ms: 20'; empty: none")
-    seed: int = Field(0, description="of faults and jitter", ge=0)
+    faults: str = Field(
+        "", description="probabilities of faults, such as 'drop: 0.01, delay: 0.1, delay_ms: 20'; empty: none"
+    )
+    seed: int = Field(0, description="seed of faults and jitter", ge=0)
 
 
 class AcceleratorNode(SensingNode[AcceleratorParameters]):

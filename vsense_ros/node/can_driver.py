@@ -1,7 +1,7 @@
-"""CAN driver: frames of a bus, through a database (DBC) and a mapping, to the topics that the mapping names.
+"""CAN driver: decodes frames of a CAN bus with a database (DBC), and publishes the topics of a mapping.
 
-With the interface `topic` the frames come from `can/frames` (can_msgs/Frame), where another node has the bus; with
-`publish_frames` those of the bus are published there.
+With the interface `topic`, the frames come from `can/frames` (can_msgs/Frame), published by another node that owns the
+bus. With `publish_frames`, the node publishes the frames of its bus there.
 """
 
 from __future__ import annotations
@@ -52,12 +52,14 @@ class CanDriverParameters(NodeParameters):
     """Bus, database and mapping."""
 
     interface: Literal["socketcan", "udp_multicast", "slcan", "virtual", "topic"] = Field(
-        "socketcan", description="python-can interface; topic: frames are those of `can/frames`"
+        "socketcan", description="python-can interface; topic: frames come from `can/frames`"
     )
     publish_frames: bool = Field(False, description="publish the frames of the bus on `can/frames`")
-    channel: str = Field("can0", description="of the interface: can0, a multicast group, a serial port", min_length=1)
+    channel: str = Field(
+        "can0", description="channel of the interface: can0, a multicast group, a serial port", min_length=1
+    )
     port: int = parameter(43113, "", "UDP port of udp_multicast", ge=1, le=65535)
-    bitrate: int = parameter(0, "bit/s", "for interfaces that set it themselves; 0: leave it", ge=0, le=1_000_000)
+    bitrate: int = parameter(0, "bit/s", "bit rate, for interfaces that can set it; 0: unchanged", ge=0, le=1_000_000)
     database: str = path_parameter("CAN database file (.dbc, .arxml, .kcd, .sym)")
     mapping: str = path_parameter("YAML file: which signals become which topics (config/can)")
 

@@ -37,14 +37,15 @@ def parameter_models() -> dict[str, type[NodeParameters]]:
 _INTRODUCTION = """\
 # Nodes
 
-Lifecycle nodes: by default each configures and activates itself (`autostart`), and follows the lifecycle services all
-the same. `diagnostics` is published once a second. Topics are relative, so that a namespace may stand before them.
-Parameters take effect when a node is configured; those marked *live* may change while it is active.
+All nodes are lifecycle nodes. By default a node configures and activates itself (`autostart`); the lifecycle services
+work in either case. Each node publishes `diagnostics` once a second. Topic names are relative, so a node can run in a
+namespace. Parameters take effect when a node is configured; those marked *live* may change while it is active.
+[Topics](topics.md) lists the messages.
 
     ros2 run vsense_ros observer --ros-args -p vehicle:=genesis
     ros2 run vsense_ros observer --help
 
-This page is made from the nodes' parameter models by `python -m vsense_ros.node.document`.
+This page is made from the parameter models of the nodes by `python -m vsense_ros.node.document`.
 """
 
 

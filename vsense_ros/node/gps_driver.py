@@ -1,6 +1,7 @@
-"""GNSS driver: NMEA 0183 or UBX bytes from a serial port, a pty or TCP to `gps/fix`, `gps/velocity`, `gps/attitude`.
+"""GNSS driver: publishes `gps/fix`, `gps/velocity` and `gps/attitude` from NMEA 0183 or UBX bytes.
 
-With `sentence_topic` NMEA comes from a topic (nmea_msgs/Sentence), where another node has the receiver.
+The bytes come from a serial port, a pty or TCP. With `sentence_topic`, NMEA sentences come from a topic
+(nmea_msgs/Sentence), published by another node that owns the receiver.
 """
 
 from __future__ import annotations
@@ -29,23 +30,31 @@ class GpsDriverParameters(SerialParameters):
     """See `vsense_ros.driver.gnss.GnssSettings`."""
 
     protocol: Literal["nmea", "ubx"] = Field(
-        "nmea", description="what the receiver speaks; UBX among NMEA is decoded, too"
+        "nmea", description="protocol of the receiver; UBX among NMEA is decoded, too"
     )
-    sentence_topic: str = Field("", description="nmea_msgs/Sentence in the place of a port, such as nmea_sentence")
-    fix_topic: str = Field(_DEFAULT.fix_topic, description="where to publish sensor_msgs/NavSatFix", min_length=1)
-    velocity_topic: str = Field(_DEFAULT.velocity_topic, description="where to publish ENU velocities", min_length=1)
-    attitude_topic: str = Field(_DEFAULT.attitude_topic, description="where to publish headings", min_length=1)
+    sentence_topic: str = Field(
+        "", description="topic of nmea_msgs/Sentence to read instead of a port, such as nmea_sentence"
+    )
+    fix_topic: str = Field(_DEFAULT.fix_topic, description="topic of the fixes (sensor_msgs/NavSatFix)", min_length=1)
+    velocity_topic: str = Field(_DEFAULT.velocity_topic, description="topic of the ENU velocities", min_length=1)
+    attitude_topic: str = Field(_DEFAULT.attitude_topic, description="topic of the headings", min_length=1)
     frame_id: str = Field(_DEFAULT.frame_id, description="frame of the antenna")
     map_frame_id: str = Field(_DEFAULT.map_frame_id, description="frame of the velocities, east north up")
     nominal_rate: float = parameter(0.0, "Hz", "expected rate; 0: no expectation", ge=0, le=1000)
     timeout: float = parameter(_DEFAULT.timeout, "s", "silence after which the receiver is stale", gt=0, le=60)
-    range_error: float = parameter(_DEFAULT.range_error, "m", "times HDOP: horizontal standard deviation", gt=0)
-    speed_deviation: float = parameter(_DEFAULT.speed_deviation, "m/s", "of each horizontal axis, if not stated", gt=0)
-    heading_deviation: float = parameter(_DEFAULT.heading_deviation, "rad", "of the heading, if not stated", gt=0)
+    range_error: float = parameter(_DEFAULT.range_error, "m", "horizontal standard deviation divided by HDOP", gt=0)
+    speed_deviation: float = parameter(
+        _DEFAULT.speed_deviation, "m/s", "standard deviation of each horizontal axis, if not stated", gt=0
+    )
+    heading_deviation: float = parameter(
+        _DEFAULT.heading_deviation, "rad", "standard deviation of the heading, if not stated", gt=0
+    )
     baseline_yaw: float = parameter(
         _DEFAULT.baseline_yaw, "rad", "from the vehicle's x axis to the line from first to second antenna", ge=-4, le=4
     )
-    jump_limit: float = parameter(_DEFAULT.jump_limit, "m", "between a fix and where the velocity leads", gt=0)
+    jump_limit: float = parameter(
+        _DEFAULT.jump_limit, "m", "largest distance between a fix and the position predicted from the velocity", gt=0
+    )
 
 
 class GpsDriver(SerialSensorNode[GpsDriverParameters]):

@@ -1,4 +1,4 @@
-"""IMU driver: bytes of an IMU (Xsens XBus, MTData2) from a serial port, a pty or TCP to `imu/data`."""
+"""IMU driver: publishes `imu/data` from the bytes of an Xsens IMU (XBus, MTData2) on a serial port, a pty or TCP."""
 
 from __future__ import annotations
 
@@ -17,14 +17,18 @@ _DEFAULT = ImuSettings()
 class ImuDriverParameters(SerialParameters):
     """See `vsense_ros.driver.imu.ImuSettings`."""
 
-    topic: str = Field(_DEFAULT.topic, description="where to publish sensor_msgs/Imu", min_length=1)
+    topic: str = Field(_DEFAULT.topic, description="topic of the measurements (sensor_msgs/Imu)", min_length=1)
     frame_id: str = Field(_DEFAULT.frame_id, description="frame of the measurements")
     mounting: str = Field("x,y,z", description="which sensor axis points forward, left and up, such as x,-y,-z")
     nominal_rate: float = parameter(0.0, "Hz", "expected rate; 0: no expectation", ge=0, le=10000)
     timeout: float = parameter(_DEFAULT.timeout, "s", "silence after which the sensor is stale", gt=0, le=60)
-    latency: float = parameter(_DEFAULT.latency, "s", "from the measurement to the sensor's time stamp", ge=0, le=1)
+    latency: float = parameter(
+        _DEFAULT.latency, "s", "delay from the measurement to the time stamp of the sensor", ge=0, le=1
+    )
     rate_range: float = parameter(_DEFAULT.rate_range, "rad/s", "largest rate that the sensor can measure", gt=0)
-    acceleration_range: float = parameter(_DEFAULT.acceleration_range, "m/s²", "likewise, specific force", gt=0)
+    acceleration_range: float = parameter(
+        _DEFAULT.acceleration_range, "m/s²", "largest specific force that the sensor can measure", gt=0
+    )
     rate_deviation: float = parameter(_DEFAULT.rate_deviation, "rad/s", "standard deviation of rates", gt=0)
     acceleration_deviation: float = parameter(
         _DEFAULT.acceleration_deviation, "m/s²", "standard deviation of specific forces", gt=0

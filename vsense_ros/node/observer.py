@@ -1,8 +1,8 @@
-"""Observer: the topics that a vehicle file names to `vsense/*`, at up to 250 Hz.
+"""Observer: estimates `vsense/*` from the topics that a vehicle file names, at up to 250 Hz.
 
-Every message is used, in order of arrival. When messages have queued up, all of them are worked off and only the newest
-estimate is published, so that the node catches up without losing a measurement; with `publish_all` every estimate that
-is due is published, which a recording wants.
+Every message is used, in order of arrival. If messages have queued up, all of them are processed and only the newest
+estimate is published. The node catches up without losing a measurement. With `publish_all`, every due estimate is
+published, as is useful for a recording.
 """
 
 from __future__ import annotations
@@ -51,17 +51,17 @@ class _OwnParameters(NodeParameters):
         description="filter, as `vsense filters` lists them; empty: errorEKF or SPI",
     )
     rate: float = parameter(250.0, "Hz", "highest rate of the estimates", gt=0, le=1000)
-    publish_all: bool = Field(False, description="publish every estimate that is due, also when behind")
-    monitor: str = path_parameter("limits that `vsense monitor --calibrate` wrote; empty: the fit is not judged")
+    publish_all: bool = Field(False, description="publish every due estimate, even if messages have queued up")
+    monitor: str = path_parameter("limits that `vsense monitor --calibrate` wrote; empty: the fit is not checked")
     map_origin: tuple[float, ...] = parameter(
         (), "deg, deg, m", "latitude, longitude, height of the map's origin; empty: the stored one, else the first fix"
     )
     map_origin_file: str = path_parameter("file that keeps the map's origin from one start to the next; empty: none")
     transforms: bool = Field(True, description="publish /tf, /tf_static and robot_description")
     map_frame: str = Field("map", description="frame of the map", min_length=1)
-    odom_frame: str = Field("odom", description="frame in which the car moves without jumps", min_length=1)
+    odom_frame: str = Field("odom", description="frame in which the pose of the car is continuous", min_length=1)
     base_frame: str = Field("base_link", description="frame of the car: middle of the rear axle, on the ground")
-    frame_prefix: str = Field("", description="before every frame that is published or expected, such as car1/")
+    frame_prefix: str = Field("", description="prefix of all published and expected frames, such as car1/")
     autoware: bool = Field(False, description="publish vehicle/status/* of autoware_vehicle_msgs")
 
 

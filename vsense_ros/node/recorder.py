@@ -1,8 +1,8 @@
-"""Recorder: topics of any type to an MCAP bag, as the bytes that arrive, at most a second later.
+"""Recorder: records topics of any type to an MCAP bag, as the bytes that arrive, with a delay of at most a second.
 
-In a namespace it records, if not told otherwise, what is below it, and the transforms and diagnostics of all. Services:
-`~/pause`, `~/resume`, `~/toggle_paused`, `~/is_paused`, `~/split_bagfile` and, with `snapshot_mode`, `~/snapshot`, as
-rosbag2's recorder has them.
+In a namespace it records, unless configured otherwise, the topics below the namespace, and the transforms and
+diagnostics of all. Its services are those of rosbag2's recorder: `~/pause`, `~/resume`, `~/toggle_paused`,
+`~/is_paused`, `~/split_bagfile` and, with `snapshot_mode`, `~/snapshot`.
 """
 
 from __future__ import annotations
@@ -49,12 +49,16 @@ class RecorderParameters(NodeParameters):
 
     bag: str = path_parameter("folder to write the bag into; where it holds something already, BAG_1, BAG_2 …")
     topics: tuple[str, ...] = Field((), description="topics to record; empty: all that appear")
-    overwrite: bool = Field(False, description="replace a bag that is there already, at the first message")
-    max_bagfile_size: int = parameter(0, "byte", "after which the next file of the bag begins; 0: never", ge=0)
-    max_bagfile_duration: float = parameter(0.0, "s", "likewise", ge=0)
-    snapshot_mode: bool = Field(False, description="write nothing until ~/snapshot asks for what is in memory")
-    max_cache_size: int = parameter(100_000_000, "byte", "of messages in memory for a snapshot", ge=1000, le=10**10)
-    snapshot_duration: float = parameter(30.0, "s", "of messages in memory for a snapshot", gt=0, le=3600)
+    overwrite: bool = Field(False, description="replace an existing bag, at the first message")
+    max_bagfile_size: int = parameter(0, "byte", "size after which the next file of the bag begins; 0: never", ge=0)
+    max_bagfile_duration: float = parameter(
+        0.0, "s", "duration after which the next file of the bag begins; 0: never", ge=0
+    )
+    snapshot_mode: bool = Field(False, description="write only when ~/snapshot is called, what is in memory then")
+    max_cache_size: int = parameter(
+        100_000_000, "byte", "size of the messages in memory for a snapshot", ge=1000, le=10**10
+    )
+    snapshot_duration: float = parameter(30.0, "s", "duration of the messages in memory for a snapshot", gt=0, le=3600)
 
 
 class Recorder(SensingNode[RecorderParameters]):

@@ -1,17 +1,17 @@
-"""Replay: a bag to its topics and `/clock`, a CAN log to a bus, bytes of sensors to ports; all in one time base.
+"""Replay: publishes a bag and `/clock`, and sends a CAN log to a bus and sensor bytes to ports, in one time base.
 
-It begins once all consumers (observer, recorder) listen: it asks each of them, on a topic of its own below
-`vsense/do_you_listen`, and hears of it on `vsense/listening`.
+It starts once all consumers (observer, recorder) are ready. It asks each of them on a topic of its own below
+`vsense/do_you_listen`, and receives the answers on `vsense/listening`.
 
-With rate 0 it sends as fast as the consumers take it and nothing is dropped: each of them tells on `vsense/progress` up
-to which `/clock` message it has worked everything off, and the replay stays at most `window` ahead of the slowest. When
-fewer consumers than it was told of appear within `wait`, it ends with an error.
+With rate 0 it sends as fast as the consumers can process, and nothing is dropped: each of them reports on
+`vsense/progress` up to which `/clock` message it has processed everything, and the replay stays at most `window` ahead
+of the slowest. If fewer than the announced consumers appear within `wait`, it ends with an error.
 
-Topics of any type are published, with the reliability and durability with which they were offered when recorded.
+Topics of any type are published, with the reliability and durability with which they were recorded.
 
-Services are those of rosbag2's player: `~/pause`, `~/resume`, `~/toggle_paused`, `~/is_paused`, `~/get_rate`,
+Its services are those of rosbag2's player: `~/pause`, `~/resume`, `~/toggle_paused`, `~/is_paused`, `~/get_rate`,
 `~/set_rate`, `~/seek`, `~/play_next`, `~/burst`, `~/stop`; and `~/restart` (std_srvs/Trigger). The parameters `rate`,
-`loop` and `position` (which seeks) may be set while it runs.
+`loop` and `position` (which seeks) may be set during the replay.
 """
 
 from __future__ import annotations
@@ -56,22 +56,24 @@ SETTINGS = ReplaySettings()
 class ReplayParameters(SourceParameters):
     """What, whereto, how fast."""
 
-    rate: float = parameter(1.0, "", "times real time; 0: as fast as the consumers take it", live=True, ge=0, le=1000)
-    loop: bool = parameter(False, "", "begin again at the end", live=True)
-    start_offset: float = parameter(0.0, "s", "where to begin, after the first message", ge=0)
-    duration: float = parameter(0.0, "s", "how much to replay; 0: to the end", ge=0)
-    position: float = parameter(-1.0, "s", "set it to seek; after the first message, -1: nowhere", live=True, ge=-1)
-    paused: bool = Field(False, description="begin paused, and wait for ~/resume")
+    rate: float = parameter(
+        1.0, "", "speed as a multiple of real time; 0: as fast as the consumers can process", live=True, ge=0, le=1000
+    )
+    loop: bool = parameter(False, "", "start again at the end", live=True)
+    start_offset: float = parameter(0.0, "s", "start of the replay, after the first message", ge=0)
+    duration: float = parameter(0.0, "s", "duration of the replay; 0: to the end", ge=0)
+    position: float = parameter(-1.0, "s", "position to seek to, after the first message; -1: none", live=True, ge=-1)
+    paused: bool = Field(False, description="start paused, and wait for ~/resume")
     clock: bool = Field(True, description="publish /clock")
     lead: float = parameter(
-        0.5, "s", "of clock (wall time) before the first message, from which drivers learn the time", ge=0
+        0.5, "s", "wall time for which the clock runs before the first message, so that drivers know the time", ge=0
     )
-    wait: float = parameter(10.0, "s", "for subscribers, consumers and readers of ports to appear", ge=0, le=600)
+    wait: float = parameter(10.0, "s", "longest wait for subscribers, consumers and readers of ports", ge=0, le=600)
     consumers: int = parameter(
         0, "", "that must report progress within `wait`, else it ends with an error; rate 0 needs one", ge=0, le=10
     )
-    window: float = parameter(0.2, "s", "of recorded time that consumers may lie behind with rate 0", gt=0, le=10)
-    exit_at_end: bool = Field(True, description="end the process when all is sent and worked off")
+    window: float = parameter(0.2, "s", "recorded time by which consumers may lag with rate 0", gt=0, le=10)
+    exit_at_end: bool = Field(True, description="end the process once everything is sent and processed")
 
 
 class Replay(SensingNode[ReplayParameters]):

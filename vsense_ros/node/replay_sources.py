@@ -38,14 +38,14 @@ class SourceParameters(NodeParameters):
     can_interface: Literal["slcan_adapter", "socketcan", "udp_multicast", "slcan"] = Field(
         "slcan_adapter", description="bus to send it to; slcan_adapter: a pty for can_driver's slcan to open"
     )
-    can_channel: str = path_parameter("of the interface; for slcan_adapter the name of the pty to make")
+    can_channel: str = path_parameter("channel of the interface; for slcan_adapter, name of the pty to create")
     can_port: int = parameter(43113, "", "UDP port of udp_multicast", ge=1, le=65535)
     can_log_channel: str = Field("", description="only the frames of this channel of the log; empty: all")
-    can_offset: float = parameter(0.0, "s", "added to the times of the CAN log, to those of the other sources")
+    can_offset: float = parameter(0.0, "s", "added to the times of the CAN log, to align them with the other sources")
     gnss_bytes: str = path_parameter("byte log of a GNSS receiver")
-    gnss_port: str = path_parameter("pty to make, or socket://host:port to listen at, for gps_driver")
+    gnss_port: str = path_parameter("pty to create, or socket://host:port to listen at, for gps_driver")
     imu_bytes: str = path_parameter("byte log of an IMU")
-    imu_port: str = path_parameter("pty to make, or socket://host:port to listen at, for imu_driver")
+    imu_port: str = path_parameter("pty to create, or socket://host:port to listen at, for imu_driver")
 
 
 class ReplaySources:

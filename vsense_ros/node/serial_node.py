@@ -28,7 +28,7 @@ class SerialParameters(NodeParameters):
     """Where the bytes come from."""
 
     port: str = path_parameter("device (/dev/ttyUSB0, /dev/pts/3) or socket://host:port")
-    baud_rate: int = parameter(115200, "bit/s", "of a serial port", ge=1200, le=4_000_000)
+    baud_rate: int = parameter(115200, "bit/s", "baud rate of a serial port", ge=1200, le=4_000_000)
 
 
 Params = TypeVar("Params", bound=SerialParameters)

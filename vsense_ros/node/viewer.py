@@ -1,7 +1,7 @@
-"""Viewer: topics of any type to Foxglove, over a WebSocket of this machine; heard as long as somebody looks at it.
+"""Viewer: shows topics of any type in Foxglove, over a WebSocket of this machine, while a viewer is connected.
 
-In a namespace it shows what is below it, and the transforms and diagnostics of all. With a vehicle it also draws the
-way that the car came, and at each tyre its force in the circle of what it could have.
+In a namespace it shows the topics below the namespace, and the transforms and diagnostics of all. With a vehicle it
+also draws the path of the car, and at each tyre its force inside the friction circle.
 """
 
 from __future__ import annotations
@@ -34,9 +34,9 @@ class ViewerParameters(NodeParameters):
     """What and where."""
 
     host: str = Field("127.0.0.1", description="address to serve at; 0.0.0.0 lets other machines look")
-    port: int = parameter(8765, "", "TCP port; 0: any that is free", ge=0, le=65535)
+    port: int = parameter(8765, "", "TCP port; 0: any free port", ge=0, le=65535)
     vehicle: str = path_parameter("vehicle file, or the name of one; empty: no friction circles")
-    frame_prefix: str = Field("", description="before the frames of the car, as that of the observer")
+    frame_prefix: str = Field("", description="prefix of the frames of the car, as for the observer")
 
 
 class Viewer(SensingNode[ViewerParameters]):

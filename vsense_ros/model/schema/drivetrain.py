@@ -17,7 +17,7 @@ class Drivetrain(Part):
     """
 
     driven: Literal["front", "rear", "all"] | None = Field(
-        description="the driven axle, or all; without it any wheel may be driven by itself", default=None
+        description="the driven axle, or all; if not stated, each wheel may be driven by itself", default=None
     )
     front_share: float = parameter(
         "-", "share of the driving torque on the front axle of a car that drives all", ge=0, le=1, default=0.5
@@ -38,7 +38,7 @@ class Drivetrain(Part):
         "N m", "standard deviation of the torque on a wheel that is neither driven nor braked: bearings, pads that "
         "touch, rolling resistance of another tyre or road", gt=0, default=5.0,
     )  # fmt: skip
-    release_time: float = parameter("s", "within which brakes are released", gt=0, default=0.2)
+    release_time: float = parameter("s", "time within which brakes are released", gt=0, default=0.2)
 
     @property
     def driving_shares(self) -> tuple[float, float, float, float] | None:

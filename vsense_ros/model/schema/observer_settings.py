@@ -37,11 +37,13 @@ class Disturbances(Part):
     grade: float = parameter("rad", "standard deviation of the slope along the road", ge=0, default=0.03)
     bank: float = parameter("rad", "standard deviation of the slope across the road", ge=0, default=0.015)
     grade_change: float = parameter(
-        "rad/m", "standard deviation of what the grade changes by along the way: the road's curvature", ge=0,
+        "rad/m", "standard deviation of the change of the grade along the road: its curvature", ge=0,
         default=1e-3,
     )  # fmt: skip
-    bank_change: float = parameter("rad/m", "the same of the bank: the road's twist", ge=0, default=1e-3)
-    change_length: float = parameter("m", "way along which such a change lasts", gt=0, default=20.0)
+    bank_change: float = parameter(
+        "rad/m", "standard deviation of the change of the bank along the road: its twist", ge=0, default=1e-3
+    )
+    change_length: float = parameter("m", "distance along which such a change persists", gt=0, default=20.0)
     steering_offset: float = parameter("rad", "standard deviation of the road-wheel angle's offset", ge=0, default=0.01)
     steering_offset_drift: float = parameter("rad", "its change in one second", ge=0, default=1e-5)
     radius_error: float = parameter(
@@ -117,10 +119,10 @@ class ObserverSettings(Part):
 
     longest_step: float = parameter("s", "longest time step of the prediction", gt=0, le=0.05, default=0.01)
     merge_window: float = parameter(
-        "s", "measurements this close are taken as simultaneous", ge=0, le=0.02, default=0.002
+        "s", "measurements closer in time than this count as simultaneous", ge=0, le=0.02, default=0.002
     )
     history: float = parameter(
-        "s", "how late a measurement may come and still be used in its place", ge=0, le=5, default=0.5
+        "s", "largest delay with which a measurement is still used at its time", ge=0, le=5, default=0.5
     )
     force_errors: ForceErrors = ForceErrors()
     surroundings: Disturbances = Disturbances()
@@ -129,6 +131,6 @@ class ObserverSettings(Part):
         description="physical parameters to be estimated, by their names below `physics`", default_factory=dict
     )
     parameter_filter: Literal["ekf", "ukf"] = Field(
-        description="how the sensitivities to these parameters are found: exact derivatives, or sigma points",
+        description="how the sensitivities to these parameters are computed: exact derivatives, or sigma points",
         default="ekf",
     )

@@ -17,8 +17,8 @@ class Chassis(Part):
 
     mass: float = parameter("kg", "mass of the whole car", gt=0, lt=1e5)
     roll_inertia: float = parameter("kg m²", "moment of inertia of the whole car about x through cog", gt=0)
-    pitch_inertia: float = parameter("kg m²", "about y", gt=0)
-    yaw_inertia: float = parameter("kg m²", "about z", gt=0)
+    pitch_inertia: float = parameter("kg m²", "moment of inertia of the whole car about y through cog", gt=0)
+    yaw_inertia: float = parameter("kg m²", "moment of inertia of the whole car about z through cog", gt=0)
     cog_height: float = parameter("m", "height of cog above the road in the design position", gt=0, lt=5)
     cog_to_front_axle: float = parameter("m", "distance from cog to the front axle", gt=0, lt=10)
     cog_to_rear_axle: float = parameter("m", "distance from cog to the rear axle", gt=0, lt=10)

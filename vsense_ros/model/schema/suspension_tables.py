@@ -44,8 +44,8 @@ class AxleTable(Part):
 
     x: Polynomial = _column("m", "wheel centre forward of its design position")
     y: Polynomial = _column("m", "wheel centre to the left of its design position")
-    camber: Polynomial = _column("rad", "the wheel's top leans outwards")
-    toe: Polynomial = _column("rad", "the wheel's front points to the left")
+    camber: Polynomial = _column("rad", "camber: angle by which the top of the wheel leans outwards")
+    toe: Polynomial = _column("rad", "toe: angle by which the front of the wheel points to the left")
     caster: Polynomial = _column(
         "rad", "turn of the hub about the wheel's axle since the design position, top rearwards"
     )

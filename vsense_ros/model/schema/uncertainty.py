@@ -11,4 +11,4 @@ class Uncertainty(Part):
     """Standard deviation of a number of the vehicle file, and where that and the number come from."""
 
     deviation: float = parameter("of the number", "standard deviation of the file's value", gt=0)
-    source: str = Field(description="where value and deviation come from", default="")
+    source: str = Field(description="source of value and standard deviation", default="")

@@ -120,8 +120,10 @@ class Transmission(Part):
     within a range, at a rate, late. Values are those of the messages, in their units; one number stands for all, or
     there is one for each."""
 
-    period: float | None = parameter("s", "between two measurements, in whole milliseconds", ge=0.001, default=None)
-    delay: float | None = parameter("s", "from measurement to arrival", ge=0, le=5, default=None)
+    period: float | None = parameter(
+        "s", "time between two measurements, in whole milliseconds", ge=0.001, default=None
+    )
+    delay: float | None = parameter("s", "delay from measurement to arrival", ge=0, le=5, default=None)
     resolution: tuple[Deviation, ...] = parameter("SI", "steps of the values", default=())
     range: tuple[Deviation, ...] = parameter("SI", "largest amounts of the values, beyond which they stay", default=())
 
@@ -177,7 +179,7 @@ class SensorBase(Part):
     frame_id: str = Field(default="", description="expected frame of the messages; empty: any")
     latency: float = parameter("s", "age of a measurement at its stamp", ge=-1, le=5, default=0.0)
     gate: float = parameter(
-        "-", "a measurement is refused beyond this many standard deviations of its innovation", gt=0, default=6.0
+        "-", "a measurement is rejected if its innovation exceeds this many standard deviations", gt=0, default=6.0
     )
     timeout: float = parameter("s", "silence after which the sensor counts as lost", gt=0, default=0.5)
     transmission: Transmission | None = Field(description="how its values come in a simulation", default=None)

@@ -49,7 +49,9 @@ class BodyVelocity(SensorBase):
     topic: str = "vehicle/velocity"
     frame_id: str = "velocity_link"
     position: Position = parameter("m", "sensor in the axes of cog", default=(0.0, 0.0, 0.0))
-    yaw: float = parameter("rad", "by which the sensor looks to the left of forward", ge=-3.2, le=3.2, default=0.0)
+    yaw: float = parameter(
+        "rad", "angle by which the sensor points to the left of forward", ge=-3.2, le=3.2, default=0.0
+    )
     noise: float = parameter("m/s", "standard deviation of each component", gt=0, default=0.05)
     noise_from_message: NoiseFromMessage = True
 

@@ -74,7 +74,7 @@ class Imu(SensorBase):
     rate_scale: Triple = parameter("-", "known relative error of each gyro's scale", default=(0.0, 0.0, 0.0))
     force_scale: Triple = parameter("-", "known relative error of each accelerometer's scale", default=(0.0, 0.0, 0.0))
     force_square: Triple = parameter(
-        "1/(m/s²)", "what each accelerometer reads besides, per square of the specific force along it",
+        "1/(m/s²)", "additional reading of each accelerometer per square of the specific force along it",
         default=(0.0, 0.0, 0.0),
     )  # fmt: skip
     force_odd_square: Triple = parameter(
@@ -82,7 +82,7 @@ class Imu(SensorBase):
         default=(0.0, 0.0, 0.0),
     )  # fmt: skip
     rate_by_force: tuple[Triple, Triple, Triple] = parameter(
-        "rad/s/(m/s²)", "what each gyro, a row, reads per specific force along x, y and z",
+        "rad/s/(m/s²)", "reading of each gyro (row) per specific force along x, y and z",
         default=((0.0, 0.0, 0.0), (0.0, 0.0, 0.0), (0.0, 0.0, 0.0)),
     )  # fmt: skip
     roll_gain: float = parameter(
@@ -92,7 +92,13 @@ class Imu(SensorBase):
     rate_latency: float = parameter(
         "s", "how much older the gyros' values are than `latency` says; for comparisons alone", ge=-5, le=5, default=0.0
     )
-    force_latency: float = parameter("s", "the same of the accelerometers", ge=-5, le=5, default=0.0)
+    force_latency: float = parameter(
+        "s",
+        "how much older the values of the accelerometers are than `latency` states; for comparisons only",
+        ge=-5,
+        le=5,
+        default=0.0,
+    )
     rate_bias: float = parameter(
         "rad/s", "standard deviation of the rest of the gyro bias at start", ge=0, default=0.01
     )
