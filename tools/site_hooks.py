@@ -38,6 +38,7 @@ BROUGHT = {
 }
 SOURCES = {page: source for source, page in BROUGHT.items() if source != "README.md"}
 MADE = {"reference/commands.md": commands_page.page}
+WIDE = ("nodes.md", "vehicle_parameters.md", "project/benchmarks.md")  # tables that need the whole width
 LINK = re.compile(r"(!?)\[((?:[^\]\[]|\[[^\]]*\])*)\]\(([^)\s]+)\)")
 BLOCK = re.compile(r"(^```.*?^```\s*?$|^(?: {4}|\t)[^\n]*$)", re.MULTILINE | re.DOTALL)
 ELSEWHERE = ("http://", "https://", "mailto:", "#")
@@ -59,6 +60,8 @@ def on_files(files: Files, config: MkDocsConfig) -> Files:
 def on_page_markdown(markdown: str, page: Page, config: MkDocsConfig, files: Files) -> str:
     """The page with its links to files of the repository replaced by links of the site."""
     own = page.file.src_uri
+    if own in WIDE:
+        page.meta["hide"] = ["toc"]
     folder = (ROOT / SOURCES[own]).parent if own in SOURCES else (ROOT / "docs" / own).parent
 
     def replaced(match: re.Match[str]) -> str:

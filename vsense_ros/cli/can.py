@@ -15,7 +15,7 @@ from vsense_ros.cli.common import EXISTING, NEW_FILE
 @click.option("--output", type=NEW_FILE, metavar="FILE", help="Write the proposed mapping to FILE.")
 @click.option("--all", "every", is_flag=True, help="List the signals of all messages.")
 def can(log: Path, databases: tuple[Path, ...], output: Path | None, every: bool) -> None:
-    """Show what is on the bus of a CAN log, and which signals measure the motion of the car.
+    """Find the signals of a CAN log that describe the motion.
 
     \b
     Examples:
@@ -23,11 +23,11 @@ def can(log: Path, databases: tuple[Path, ...], output: Path | None, every: bool
       vsense can drive.blf --dbc car.dbc --output car.yaml
       vsense import drive.blf drive --dbc car.dbc --mapping car.yaml
 
-    Identifiers and rates; with a database also signals with their ranges, and which of them look like wheel speeds,
-    steering angle, yaw rate, accelerations and speed. They are recognized by names (English, German, French), units and
-    values, and by what must hold among them: wheels agree with each other and with the speed, the yaw rate follows from
-    their differences, the lateral acceleration from speed and yaw rate, the steering angle from yaw rate over speed.
-    With --output the proposal is written as a mapping for `vsense import`, with comments on what is to be looked at.
+    Lists identifiers and rates and, with a database, signals with their ranges. Signals that look like wheel speeds,
+    steering angle, yaw rate, accelerations or speed are recognised by their names (English, German, French), units and
+    values, and by the relations between them: wheels agree with each other and with the speed, the yaw rate follows
+    from their differences, the lateral acceleration from speed and yaw rate, and the steering angle from yaw rate over
+    speed. --output writes the proposal as a mapping for `vsense import`, with comments on what to check.
     """
     from vsense_ros.api.can import survey_can
     from vsense_ros.bag.can_table import show

@@ -206,7 +206,7 @@ def export_fmu(
     help="Its ending: .csv, .parquet, .mat, .mf4, .mcap.",
 )
 def export_results(source: Path, target: Path) -> None:
-    """Write what was estimated, or a recording, as a file for other programs.
+    """Convert estimates or a recording for other programs.
 
     \b
     Examples:

@@ -102,7 +102,7 @@ def _number(text: str) -> float | None:
 @click.option("--json", "as_json", is_flag=True, help="Print the result as JSON.")
 @click.pass_context
 def check(context: click.Context, vehicle: str, as_json: bool) -> None:
-    """Check whether the figures of VEHICLE are those of a real car.
+    """Check whether VEHICLE describes a plausible car.
 
     \b
     Examples:

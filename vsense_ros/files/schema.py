@@ -5,6 +5,7 @@
 
 from __future__ import annotations
 
+import re
 import types
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
@@ -41,24 +42,40 @@ def parameter_rows() -> list[ParameterRow]:
     return list(_rows(Vehicle, ""))
 
 
-def markdown_table() -> str:
-    """The rows as a Markdown table."""
+def markdown_table(rows: Iterable[ParameterRow] | None = None) -> str:
+    """A Markdown table of some rows, by default of all."""
     lines = ["| key | unit | allowed | default | meaning |", "|---|---|---|---|---|"]
-    for row in parameter_rows():
+    for row in parameter_rows() if rows is None else rows:
         cells = (f"`{row.key}`", row.unit, row.allowed, row.default, row.description)
         lines.append("| " + " | ".join(cell.replace("|", "\\|") for cell in cells) + " |")
     return "\n".join(lines) + "\n"
 
 
+def section_of(row: ParameterRow) -> str:
+    """The heading below which a key stands on the page: the section of the file, and of `physics` the part below it."""
+    parts = row.key.replace("`", "").split(".")
+    model = re.search(r"\.tyre \((\w+)\)\.", row.key)
+    if model:
+        return f"Tyre model {model[1]}"
+    if parts[0] == "physics":
+        return f"physics.{parts[1]}"
+    return " ".join(parts[0:2]).replace("<name> ", "") if parts[0] == "sensors" else parts[0]
+
+
 def page() -> str:
-    """The table with a few words for those who write a vehicle file."""
+    """The tables of all sections, with a few words for those who write a vehicle file."""
+    sections: dict[str, list[ParameterRow]] = {}
+    for row in parameter_rows():
+        sections.setdefault(section_of(row) if "." in row.key else "Name and source", []).append(row)
+    tables = "\n".join(f"## {name}\n\n{markdown_table(rows)}" for name, rows in sections.items())
     return (
         "# Vehicle files\n\n"
-        "A vehicle file describes a car, its sensors and the settings of the observer in YAML; those of this\n"
-        "package are in [config/vehicles](../config/vehicles). Units are SI; lengths count from `cog`, the centre of\n"
-        "gravity in the design position, with x forward, y left, z up. `<name>` is a name of your choice. A key with\n"
-        "a default may be left out. `vsense schema --json` prints a JSON schema for editors.\n\n"
-        "This page is made from the schema by `python -m vsense_ros.files.schema`.\n\n" + markdown_table()
+        "A vehicle file describes a car, its sensors and the settings of the observer in YAML. The files of this\n"
+        "package are in [config/vehicles](../config/vehicles); `vsense new-vehicle` writes one from catalogue values,\n"
+        "and `vsense check` checks one. Units are SI. Positions are relative to `cog`, the centre of gravity in the\n"
+        "design position, with x forward, y left, z up. `<name>` is a name of your choice. A key with a default may\n"
+        "be left out. `vsense schema --json` prints a JSON schema for editors.\n\n"
+        "This page is made from the schema by `python -m vsense_ros.files.schema`.\n\n" + tables
     )
 
 
