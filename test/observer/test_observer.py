@@ -310,6 +310,26 @@ def test_a_heading_that_wheels_without_a_sign_got_wrong_in_reverse_is_found_anew
     assert course.position[-1] < 2
 
 
+def test_in_reverse_inertial_sensors_and_steering_tell_the_direction_that_wheels_without_a_sign_do_not(
+    vehicle: Vehicle, backwards: Recording
+) -> None:
+    """From 2 s after the car has begun to move, and still while it goes backwards."""
+    stream = [
+        changed(s, velocity=np.abs(s.values["velocity"])) if s.topic == WHEELS else s for s in messages(backwards)
+    ]
+    observer = observer_of(vehicle, backwards)
+    seen = []
+    for sample in stream:
+        observer.add(sample)
+        seconds = (observer.stamp - backwards.start) * 1e-9
+        if observer.started and 4.5 < seconds < 6.0:
+            estimate = observer.snapshot()
+            seen.append((float(np.cos(estimate.attitude[2])), float(estimate.velocity[0])))
+    heading, speed = np.array(seen).T
+    assert heading.min() > 0.98
+    assert speed.max() < 0.0
+
+
 def turned(recording: Recording, angle: float) -> list[Sample]:
     """What the sensors would send on a map whose east lies in another direction."""
     latitude, longitude, _ = recording.map_origin or (0.0, 0.0, 0.0)

@@ -38,6 +38,8 @@ class Health:
     same_in_a_row: int = 0  # messages with equal content
     last_content: bytes = b""
     noise: str | None = None  # standard deviations that count, and whose they are
+    complete_at: int = 0  # stamp of the newest measurement that had all components [ns]
+    component_at: dict[int, int] = field(default_factory=dict)  # of each of others [ns], 0: it never came
     stamps: deque[int] = field(default_factory=lambda: deque(maxlen=_RECENT))
 
     def receive(self, arrival: int, sensor: Source) -> None:
@@ -51,6 +53,19 @@ class Health:
             else:
                 self.period += _SHARE * (gap - self.period)
         self.last_received = arrival
+
+    def lacks(self, value: list[float], stamp: int) -> None:
+        """A measurement has come without some of its components, which are NaN."""
+        for component, number in enumerate(value):
+            if number == number:
+                self.component_at[component] = stamp
+            else:
+                self.component_at.setdefault(component, self.complete_at)
+
+    def absent(self, sensor: Source) -> list[int]:
+        """Components that have come, and do not come any more while others do."""
+        longest = self.last_stamp - self.longest_silence(sensor) * 1e9
+        return [i for i, at in self.component_at.items() if at and max(at, self.complete_at) < longest]
 
     def longest_silence(self, sensor: Source) -> float:
         """Silence after which the sensor counts as lost [s]: ten periods, its `timeout` at most."""

@@ -67,6 +67,10 @@ class Intake(Generic[Sensor]):
         elif self._frozen(index, event):
             self.refuse(index, "value frozen")
         else:
+            if isfinite(event.value.dot(event.value)):
+                health.complete_at = event.stamp
+            else:
+                health.lacks(event.value.tolist(), event.stamp)
             if health.noise is None:
                 health.noise = self._readers[index].noise(event.variance)
             return event if health.period * 1e9 >= self._merge else self._averaged(index, event)

@@ -13,6 +13,8 @@ from itertools import chain, islice
 from operator import attrgetter
 from typing import NamedTuple
 
+import numpy as np
+
 from vsense_ros.estimation.filter import Array, Filter, Given, Innovation, Kept, Measured, Step
 
 _stamp_of = attrgetter("stamp")
@@ -29,6 +31,14 @@ class Event:
     value: Array  # (m,), NaN where absent
     variance: Array  # (m,)
     counted: bool = False  # it has been told of
+    whole: Array | None = None  # (m,) the measurement before what is not believed of it was made absent
+
+    def without(self, components: list[int]) -> None:
+        """Make some components absent; `whole` keeps them."""
+        if self.whole is None:
+            self.whole = self.value
+        self.value = self.value.copy()
+        self.value[components] = np.nan
 
 
 class Channel(NamedTuple):

@@ -16,7 +16,7 @@ from vsense_ros.estimation.intake import Intake
 from vsense_ros.estimation.timeline import Channel, Event, Timeline
 from vsense_ros.messages.diagnostic import Diagnostic
 from vsense_ros.messages.recording import Sample
-from vsense_ros.model.sensors import SensorBase
+from vsense_ros.model.sensors import SensorBase, Tells
 from vsense_ros.model.vehicle import Vehicle
 from vsense_ros.observer.monitor import Limits, Monitor
 from vsense_ros.runner.guard import Vitals
@@ -34,6 +34,13 @@ class Move(NamedTuple):
     element: int
     by: float
     deviation: float
+
+
+class Widening(NamedTuple):
+    """An element of the state whose variance grows by so much, as its error may have changed meanwhile."""
+
+    element: int
+    variance: float
 
 
 class Judged(NamedTuple):
@@ -61,6 +68,8 @@ class Adapter(ABC):
     monitor: Monitor | None = None  # of the fit of its model, once somebody watches it
     left_out: str = ""  # effects of the vehicle file that the filter does not have, as a sentence
     heading_known: bool = True  # False while the direction of the car on the map is not
+    knows_car: bool = False  # True: it has all axles, so that whole sensors can be left out
+    steering_error: int | None = None  # element of the state that is the error of the measured steering angle
 
     def __init__(self, vehicle: Vehicle) -> None:
         self.vehicle = vehicle
@@ -74,6 +83,10 @@ class Adapter(ABC):
         """Take note of the intake and the timeline that the runner has made for this filter."""
         self.intake, self.timeline = intake, timeline
 
+    def tells(self, index: int) -> frozenset[Tells]:
+        """What the sensor at a place measures."""
+        return self.intake.sensors[index].tells
+
     def uses(self, sensor: str) -> bool:
         """True if readings of this sensor do anything."""
         return True
@@ -85,6 +98,16 @@ class Adapter(ABC):
     def timed(self, event: Event) -> Event:
         """The reading at the time for which the filter takes it."""
         return event
+
+    @property
+    def forward_speed(self) -> float:
+        """Speed of the car, forward [m/s]; 0 where it is not estimated."""
+        return 0.0
+
+    @property
+    def heading(self) -> float:
+        """Direction of the car on the map [rad]; 0 where it is not known."""
+        return 0.0
 
     @property
     @abstractmethod
@@ -166,6 +189,24 @@ class Adapter(ABC):
         None to keep what is known of it. Readings have differed by `jump` from what was expected, on average."""
         return None
 
+    # The steering
+
+    def steering_offset(self) -> float:
+        """Measured road-wheel angle over the actual one, as estimated [rad]; 0 where it is not."""
+        return 0.0
+
+    def usual_deviation(self, element: int) -> float:
+        """Standard deviation of the error of an element of the state at start."""
+        raise NotImplementedError
+
+    def widen(self, widening: Widening) -> None:
+        """Let the variance of an element of the state grow."""
+        raise NotImplementedError
+
+    def doubted_motion(self, speed: float, way: float) -> list[Widening]:
+        """What is to be widened where velocities may be wrong by `speed` [m/s], and the place by `way` [m]."""
+        return []
+
     # Resets
 
     def difference(self, event: Event, innovation: Innovation) -> tuple[Array, Array] | None:
@@ -180,6 +221,10 @@ class Adapter(ABC):
 
     def move(self, move: Move) -> None:
         """Let an element of the state jump; its error has no correlation afterwards."""
+        raise NotImplementedError
+
+    def turn_around(self) -> None:
+        """The car goes, and points, the other way: begin anew so."""
         raise NotImplementedError
 
     def begin_anew(self, event: Event) -> bool:

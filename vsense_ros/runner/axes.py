@@ -21,6 +21,7 @@ class Out:
 
     since: int  # [ns]
     why: str
+    decided: int  # [ns] when it was left out
     agreed_from: int = 0  # [ns]
     count: int = 0
     squares: float = 0.0
@@ -61,12 +62,6 @@ class Axes:
         """Places of the axes that came of late."""
         came = self.sums.counts[0] > 0
         return [axis for axis in self.judged if came[axis]]
-
-    def masked(self, value: Array) -> Array:
-        """A measurement without what is out."""
-        value = value.copy()
-        value[list(self.out)] = np.nan
-        return value
 
     @property
     def absent(self) -> list[str]:

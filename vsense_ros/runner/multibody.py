@@ -14,7 +14,7 @@ from vsense_ros.estimation.intake import Intake
 from vsense_ros.estimation.timeline import Channel, Event, Timeline
 from vsense_ros.messages.diagnostic import Diagnostic, Level
 from vsense_ros.messages.recording import Sample
-from vsense_ros.model.coordinates import SPIN, YAW, X, Y
+from vsense_ros.model.coordinates import SPIN, STEERING_OFFSET, YAW, X, Y
 from vsense_ros.model.sensors import SensorBase
 from vsense_ros.model.vehicle import Vehicle, left_out_of_observer
 from vsense_ros.observer.alignment import Alignment
@@ -26,9 +26,9 @@ from vsense_ros.observer.monitor import Limits, Monitor
 from vsense_ros.observer.road_map import RoadMap
 from vsense_ros.observer.sensors import check_sensors
 from vsense_ros.observer.spi import Spi
-from vsense_ros.observer.state import FORWARD, LATERAL, SLOPES, YAW_RATE, U
+from vsense_ros.observer.state import DISTURB, FORWARD, LATERAL, SLOPES, YAW_RATE, U
 from vsense_ros.observer.tilt import Tilt
-from vsense_ros.runner.adapter import Adapter, Judged, Move, Report, adapter_of
+from vsense_ros.runner.adapter import Adapter, Judged, Move, Report, Widening, adapter_of
 from vsense_ros.runner.guard import GUARD, Vitals
 
 Array = NDArray[np.float64]
@@ -38,6 +38,8 @@ _MOVING = 1.0  # [m/s] below it an inertial sensor of coarse resolution may well
 _SPIN_DEVIATION = 2.0  # [rad/s] of the spin of a wheel once the speed has been moved
 _CONVERGED = np.array([0.5, 0.5, 0.02])  # [m/s], [m/s], [rad/s] deviations of velocity and yaw rate that may be used
 _SETTLED = 1.0  # [s] from the start on before which nothing counts as converged
+_TURNED_PLACE, _TURNED_YAW = 10.0, 0.1  # [m], [rad] deviations once the car has been turned around
+_SIDEWAYS = 0.3  # share of a wrong velocity that may be lateral
 _ALIKE = 0.9  # correlation of the errors of two parameters that can hardly be told apart
 
 
@@ -48,6 +50,7 @@ class CarAdapter(Adapter):
     """
 
     filter: CarFilter
+    knows_car = True
 
     def __init__(self, filter: CarFilter, vehicle: Vehicle, sensors: dict[str, SensorBase]) -> None:
         super().__init__(vehicle)
@@ -59,6 +62,8 @@ class CarAdapter(Adapter):
         self.balance = Balance(vehicle, sensors)
         self.tilt = Tilt(sensors, self.car)
         self._start: Start | None = None
+        if any("steering" in sensor.tells for sensor in sensors.values()):
+            self.steering_error = DISTURB.start + STEERING_OFFSET
         around = vehicle.observer.surroundings
         spread = GUARD.road_deviations * np.array([around.grade, around.bank])
         self._steepest = np.maximum(GUARD.steepest_road, spread)
@@ -71,6 +76,14 @@ class CarAdapter(Adapter):
 
     def channels(self) -> list[Channel]:
         return [_channel(name, sensor) for name, sensor in self.sensors.items()]
+
+    @property
+    def forward_speed(self) -> float:
+        return self.car.mean.item(FORWARD)
+
+    @property
+    def heading(self) -> float:
+        return self.car.mean.item(YAW)
 
     @property
     def moving(self) -> bool:
@@ -155,6 +168,21 @@ class CarAdapter(Adapter):
         element = self.car.layout.biases[sensor].start + axis
         return element, float(np.hypot(self.car.prior.deviation[element], jump))
 
+    def steering_offset(self) -> float:
+        return self.car.mean.item(DISTURB.start + STEERING_OFFSET)
+
+    def usual_deviation(self, element: int) -> float:
+        return self.car.prior.deviation.item(element)
+
+    def widen(self, widening: Widening) -> None:
+        self.car.covariance[widening.element, widening.element] += widening.variance
+
+    def doubted_motion(self, speed: float, way: float) -> list[Widening]:
+        spin = speed / self.vehicle.physics.rear.unloaded_radius
+        elements = [(FORWARD, speed), (LATERAL, _SIDEWAYS * speed), (X, way), (Y, way)]
+        elements += [(U.start + place, spin) for place in _SPINS]
+        return [Widening(element, deviation**2) for element, deviation in elements]
+
     # Resets
 
     def difference(self, event: Event, innovation: Innovation) -> tuple[Array, Array] | None:
@@ -175,6 +203,18 @@ class CarAdapter(Adapter):
 
     def move(self, move: Move) -> None:
         self.filter.set_element(move.element, float(self.car.mean[move.element]) + move.by, move.deviation)
+
+    def turn_around(self) -> None:
+        filter, mean = self.filter, self.car.mean
+        place, yaw, inputs = mean[[X, Y]].tolist(), mean.item(YAW), filter.inputs.copy()
+        filter.start_rolling(-mean.item(FORWARD))
+        filter.inputs[:] = inputs
+        for element, value in zip((X, Y), place, strict=True):
+            filter.set_element(element, value, _TURNED_PLACE)
+        if self.heading_known:
+            filter.set_element(YAW, yaw + np.pi, _TURNED_YAW)
+        filter.linearize()
+        self.timeline.forget_past()
 
     def begin_anew(self, event: Event) -> bool:
         return self.alignment.astray(event) and self.alignment.begin_anew(event)

@@ -25,10 +25,13 @@ from vsense_ros.observer.beginning import UNSURE
 from vsense_ros.observer.catalogue import default_filter
 from vsense_ros.observer.estimate import BALANCE
 from vsense_ros.observer.monitor import Limits, Monitor
-from vsense_ros.runner.adapter import Adapter, MakeFilter, Move, Report, adapter_of
+from vsense_ros.runner.adapter import Adapter, MakeFilter, Move, Report, Widening, adapter_of
+from vsense_ros.runner.direction_judge import DirectionJudge
 from vsense_ros.runner.guard import Guard
 from vsense_ros.runner.placement import Place, Placement
 from vsense_ros.runner.resets import Resets
+from vsense_ros.runner.steering_judge import SteeringJudge
+from vsense_ros.runner.travel_judge import TravelJudge
 from vsense_ros.runner.vote import Vote
 from vsense_ros.runner.vote_settings import VOTE
 
@@ -71,13 +74,14 @@ class Runner:
         self.intake = Intake(self.sensors, Map(map_origin), settings.history, self._is_moving, adapter.merge)
         self.health = self.intake.health
         channels = adapter.channels()
-        self.vote = Vote(
-            adapter,
-            channels,
-            others_there=self._others_there,
-            by_hand=self._move,
-            tell=lambda index, sentence: self.health[index].complain(sentence),
+        self.vote = Vote(adapter, channels, others_there=self._others_there, by_hand=self._move, tell=self._complain)
+        direction = DirectionJudge(adapter, lambda stamp, sentence: self.resets.tell(stamp, sentence))
+        judges = (
+            direction,
+            SteeringJudge(adapter, self.vote, len(channels), self._complain),
+            TravelJudge(adapter, self.intake, self.vote, direction, len(channels)),
         )
+        self.judges = tuple(judge for judge in judges if judge.judged)
         self._timeline = Timeline(
             self.filter,
             [*channels, Channel("shift", 0.0, by_hand=True)],
@@ -156,6 +160,8 @@ class Runner:
                     continue
                 self.intake.believe(index, sample.stamp)
                 self.adapter.measured(event)
+                for judge in self.judges:
+                    judge.hear(event)
                 if self._timeline.add(event):
                     self.health[index].late += 1
                 self._settle()
@@ -184,6 +190,9 @@ class Runner:
             for move in self.resets.asked():
                 self._shift(move)
         vote = self.vote
+        for judge in self.judges:
+            judge.settle(self._timeline)
+        vote.wait = any(judge.suspect for judge in self.judges)
         if vote.due(self.stamp):
             vote.decide(self._timeline)
         while vote.returned:
@@ -211,6 +220,8 @@ class Runner:
         self.guard.begin(stamp)
         self._timeline.clear()
         self.vote.forget(stamp)
+        for judge in self.judges:
+            judge.forget(stamp)
         self.resets.forget()
         if self.placement is not None:
             self.placement.forget()
@@ -248,6 +259,8 @@ class Runner:
         self.adapter.aged(age)
         self._timeline.begin(self.stamp)
         self.vote.forget(self.stamp)
+        for judge in self.judges:
+            judge.forget(self.stamp)
         self.resets.forget()
         self.resets.tell(self.stamp, f"gone back to the state of {age:.1f} s before: {why}")
 
@@ -310,6 +323,10 @@ class Runner:
         if measured and event.sensor not in self.vote.axes:
             self.vote.measured(event.sensor, self.stamp, nis, len(event.value), channel.limit)
 
+    def _complain(self, index: int, sentence: str) -> None:
+        """Keep what is wrong with the newest message of a sensor."""
+        self.health[index].complain(sentence)
+
     def _is_moving(self) -> bool:
         return self.adapter.moving
 
@@ -321,9 +338,12 @@ class Runner:
         )
 
     def _move(self, event: Event) -> None:
-        """Do what `_shift` asks for."""
-        element, by, deviation = event.value.tolist()
-        self.adapter.move(Move(int(element), by, deviation))
+        """Do what an event asks for that is no measurement: move an element of the state, or widen its variance."""
+        element, *numbers = event.value.tolist()
+        if len(numbers) == 1:
+            self.adapter.widen(Widening(int(element), *numbers))
+        else:
+            self.adapter.move(Move(int(element), *numbers))
 
     # Results
 
@@ -385,6 +405,8 @@ class Runner:
         if not self.heading_known:
             return Diagnostic("observer", Level.WARN, condition, values)
         doubts = [*self.adapter.doubts, *(f"without {axes.name(axis)}" for axes, axis, _ in self.vote.out)]
+        for judge in self.judges:
+            doubts += [*judge.doubts, *(f"without {self.names[index]}" for index in judge.out)]
         if self.placement is not None:
             place = self.placement.at(self.stamp)
             if place is not Place.TOLD:
@@ -402,14 +424,22 @@ class Runner:
     def _sensor_line(self, index: int, line: Diagnostic) -> Diagnostic:
         """The line of a sensor, with its axes that are not believed or absent."""
         axes = self.vote.axes.get(index)
-        if axes is None or line.level == Level.STALE:
+        if line.level == Level.STALE:
             return line
-        parts = [f"{axes.words[axis]} {out.why}" for axis, out in axes.out.items()]
+        for judge in self.judges:
+            if index in judge.out:
+                return Diagnostic(line.name, Level.WARN, f"not believed: {judge.why}", line.values)
+        parts = [f"{axes.words[axis]} {out.why}" for axis, out in axes.out.items()] if axes is not None else []
         if parts:
             return Diagnostic(line.name, max(Level.WARN, line.level), f"not believed: {', '.join(parts)}", line.values)
         if line.level != Level.OK:
             return line
-        doubts = [f"without {', '.join(absent)}"] if (absent := axes.absent) else []
-        if doubt := self.adapter.doubt(line.name):
-            doubts.append(doubt)
+        absent = self._absent(index) if axes is None else axes.absent
+        doubts = [f"without {', '.join(absent)}"] if absent else []
+        doubts += [doubt for doubt in (self.adapter.doubt(line.name), *(j.doubt(index) for j in self.judges)) if doubt]
         return Diagnostic(line.name, Level.WARN, ", ".join(["in use", *doubts]), line.values) if doubts else line
+
+    def _absent(self, index: int) -> list[str]:
+        """Names of the components of a sensor that do not come any more."""
+        sensor = self.intake.sensors[index]
+        return [sensor.components[one].words for one in self.health[index].absent(sensor)] if sensor.components else []

@@ -37,12 +37,14 @@ from numpy.typing import NDArray
 
 from vsense_ros.estimation.filter import Innovation
 from vsense_ros.estimation.timeline import Channel, Event, Timeline
-from vsense_ros.runner.adapter import Adapter
+from vsense_ros.runner.adapter import Adapter, Widening
 from vsense_ros.runner.axes import Axes, Out
 from vsense_ros.runner.sums import SHORT, WINDOWS
-from vsense_ros.runner.vote_settings import VOTE
+from vsense_ros.runner.vote_settings import STEERING, VOTE
 
 Array = NDArray[np.float64]
+
+FROZEN = "is frozen"
 
 
 class Found(NamedTuple):
@@ -60,7 +62,8 @@ class Vote:
     without.
 
     `others_there()` is true if any other sensor measures the motion of the car. `by_hand` lets an event act on the
-    filter that is no measurement; `tell(sensor, sentence)` is called when something of a sensor is not believed.
+    filter that is no measurement; `tell(sensor, sentence)` is called when something of a sensor is not believed, with
+    an empty one when that was wrong.
     """
 
     def __init__(
@@ -89,6 +92,7 @@ class Vote:
         ] = {}  # of other sensors: mean normalized innovation squared, and when
         self._no_vote: set[int] = set()
         self.votes = 0
+        self.wait = False  # True while something else may be wrong, and no axis is left out
 
     def forget(self, stamp: int) -> None:
         """The filter begins anew, at a time [ns]; what is out stays out."""
@@ -129,7 +133,7 @@ class Vote:
                 self._look_for_frozen(axes)
             if axes.out:
                 self._ask(axes, event)
-                event.value = axes.masked(event.value)
+                event.without(list(axes.out))
         found = self._adapter.correct_inertial(axes.channel, event, axes.gate)
         if found.nis > axes.gate:
             return self._look_closer(axes, event, found, first)
@@ -151,8 +155,7 @@ class Vote:
                 whitened[axis] = found.whitened[axis]
                 axes.refused_from.pop(axis, None)
                 continue
-            event.value = event.value.copy()
-            event.value[axis] = np.nan
+            event.without([axis])
             if not first:
                 continue
             far = abs(found.nis) ** 0.5
@@ -161,8 +164,10 @@ class Vote:
             if now - last > VOTE.streak:
                 begin, count = now, 0
             axes.refused_from[axis] = begin, now, count + 1
-            if now - begin >= VOTE.refused_for and count + 1 >= VOTE.refusals and self._others_there():
-                self._take_out(axes, axis, begin, "jumped away from all others")
+            long = now - begin >= VOTE.refused_for and count + 1 >= VOTE.refusals
+            if long and not self.wait and self._others_there():
+                del axes.refused_from[axis]
+                self._jumped.append((axes, axis))
         if first and axes.sums.add(now, whitened):
             self._is_far(axes, now)
         limit = axes.channel.limit
@@ -227,8 +232,8 @@ class Vote:
 
     # Out, and in again
 
-    def _take_out(self, axes: Axes, axis: int, since: int, why: str) -> None:
-        axes.out[axis] = Out(since, why)
+    def _take_out(self, axes: Axes, axis: int, since: int, why: str, now: int) -> None:
+        axes.out[axis] = Out(since, why, now)
         axes.refused_from.pop(axis, None)
         axes.sums.forget(axis)
         self._tell(axes.index, f"{axes.words[axis]} {why}: not believed any more")
@@ -267,7 +272,11 @@ class Vote:
 
     def due(self, now: int) -> bool:
         """True if something is to be decided."""
-        return bool(self._frozen or self._jumped) or (
+        return not self.wait and bool(self._frozen or self._jumped or self._is_time(now))
+
+    def _is_time(self, now: int) -> bool:
+        """True if there is an alarm, and it is time for a vote."""
+        return (
             self._alarm is not None
             and self._heard > self._voted
             and now - self._voted >= self._pause
@@ -280,10 +289,13 @@ class Vote:
         believed."""
         now = timeline.stamp
         for axes, axis, value in self._frozen:
-            self._take_out(axes, axis, now, "is frozen")
+            self._take_out(axes, axis, now, FROZEN, now)
             self._undo(timeline, now - VOTE.look_back, axes, axis, value)
+        if self._jumped and not self._frozen and self._jump_of_steering(timeline, now - VOTE.redone_after_jump):
+            self._jumped.clear()
+            return
         for axes, axis in self._jumped:
-            self._take_out(axes, axis, now - VOTE.redone_after_jump, "jumped away from all others")
+            self._take_out(axes, axis, now - VOTE.redone_after_jump, "jumped away from all others", now)
             self._undo(timeline, now - VOTE.redone_after_jump, axes, axis)
         if self._frozen or self._jumped:
             self._frozen.clear()
@@ -315,11 +327,13 @@ class Vote:
         self._pause = VOTE.first_pause
         if best.gain < enough:
             return
+        if self._steering_explains(timeline, since, everybody, best):
+            return
         self._alarm = None
         # Who is nearly as suspect as the worst may be the one: to do without both costs little, to believe one much.
         for one in found:
             if one.gain > max(suspect, VOTE.nearly * best.gain) and one.disagreement <= VOTE.disagree:
-                self._take_out(one.axes, one.left[0], since, "contradicts the others")
+                self._take_out(one.axes, one.left[0], since, "contradicts the others", now)
                 self._undo(timeline, since, one.axes, one.left[0])
         self._loud.clear()
         for others in self.axes.values():
@@ -329,8 +343,25 @@ class Vote:
         """Go on from a time as if an axis had not said anything, or not this value."""
         for event in timeline.rewind(since):
             if event.sensor == axes.index and (value is None or event.value[axis] == value):
-                event.value = event.value.copy()
-                event.value[axis] = np.nan
+                event.without([axis])
+
+    def doubtful(self, since: int) -> Iterator[tuple[Axes, int, Out]]:
+        """Axes that were left out after a time [ns] for what they read then, as if nothing else had been wrong."""
+        return ((axes, axis, out) for axes, axis, out in self.out if out.decided >= since and out.why != FROZEN)
+
+    def reconsider(self, since: int, ahead: Sequence[Event]) -> None:
+        """Believe again what was left out after a time [ns], as something else was wrong then; `ahead` is what happens
+        once more."""
+        for axes, axis, _ in list(self.doubtful(since)):
+            del axes.out[axis]
+            self._tell(axes.index, "")
+        for event in ahead:
+            judged = self.axes.get(event.sensor)
+            if judged is not None and event.whole is not None:
+                event.value, event.whole = event.whole, None
+                if judged.out:
+                    event.without(list(judged.out))
+        self.forget(self._begun)
 
     def _without(
         self, timeline: Timeline, since: int, everybody: dict[int, Array], axes: Axes, left: list[int]
@@ -352,18 +383,52 @@ class Vote:
             disagreement = max(disagreement, squares / max(count, 1.0))
         return Found(gain, disagreement, axes, left)
 
-    def _scores(self, timeline: Timeline, since: int, without: tuple[int, list[int]] | None) -> dict[int, Array] | None:
+    def _jump_of_steering(self, timeline: Timeline, since: int) -> bool:
+        """True if axes seem to have jumped because the steering angle has."""
+        if self._adapter.steering_error is None:
+            return False
+        everybody = self._scores(timeline, since, None)
+        if everybody is None:
+            return False
+        axes, axis = self._jumped[0]
+        return self._steering_explains(
+            timeline, since, everybody, self._without(timeline, since, everybody, axes, [axis])
+        )
+
+    def _steering_explains(self, timeline: Timeline, since: int, everybody: dict[int, Array], best: Found) -> bool:
+        """True if a wrong steering angle explains what all have measured, the axis that seems wrong included, better
+        than that axis does. Then nobody is left out: the direct witnesses will see the steering."""
+        error = self._adapter.steering_error
+        if error is None:
+            return False
+        free = self._scores(timeline, since, None, free=error)
+        if free is None:
+            return False
+        gain = sum(float((score[0] - free[i][0]).sum()) for i, score in everybody.items() if i not in self._no_vote)
+        _, squares, count = everybody[best.axes.index][:, best.left].sum(axis=1).tolist()
+        return gain > best.gain + max(squares - count, 0.0)
+
+    def _scores(
+        self, timeline: Timeline, since: int, without: tuple[int, list[int]] | None, free: int | None = None
+    ) -> dict[int, Array] | None:
         """Scores of each sensor (3, m): Σ (w² + 2 ln d), Σ w² and number of each component since a time, as if some
-        axes of one sensor had not been there."""
+        axes of one sensor had not been there; or as if the steering had not been, whose error is the element `free` of
+        the state."""
         scores: dict[int, Array] = {}
+        widened = since
 
         def act(event: Event) -> None:
+            nonlocal widened
             channel = timeline.channels[event.sensor]
+            if free is not None and event.stamp - widened >= STEERING.period:
+                self._adapter.widen(Widening(free, STEERING.density * (event.stamp - widened) * 1e-9))
+                widened = event.stamp
             if channel.by_hand:
                 self._by_hand(event)
                 return
             if channel.first_input is not None:
-                self._adapter.give(channel, event)
+                if free is None or "steering" not in self._adapter.tells(event.sensor):
+                    self._adapter.give(channel, event)
                 return
             axes = self.axes.get(event.sensor)
             if without is not None and event.sensor == without[0]:

@@ -63,4 +63,17 @@ class VoteSettings:
         return 1.25 * self.look_back * 1e-9
 
 
+@dataclass(frozen=True)
+class SteeringSettings:
+    """What is known of a steering angle that is not believed: decisions of this project. Times are in ns."""
+
+    density: float = 0.04  # [rad²/s] by which the variance of the road-wheel angle grows: 0.2 rad in a second
+    period: int = 50_000_000  # [ns] in which it does
+    before: int = 100_000_000  # [ns] before the contradiction, from which on the angle is not believed
+    undecided: int = 500_000_000  # [ns] in which an angle that jumped is not believed yet
+    kept: int = 64  # [-] newest angles that may be held
+    doubtful: int = 5_000_000_000  # [ns] before, from which on axes were left out that may have been right
+
+
 VOTE = VoteSettings()
+STEERING = SteeringSettings()

@@ -94,6 +94,11 @@ def telling(sensors: Iterable[tuple[str, SensorBase]], what: Tells) -> str | Non
     return names[min(names)] if names else None
 
 
+def place_of(sensors: Iterable[SensorBase], what: Tells) -> int:
+    """The place of the first sensor that tells something, -1 for none."""
+    return next((i for i, sensor in enumerate(sensors) if what in sensor.tells), -1)
+
+
 __all__ = [
     "KINDS",
     "Bias",
@@ -116,6 +121,7 @@ __all__ = [
     "any_sensor",
     "compared_signals",
     "known_topics",
+    "place_of",
     "telling",
     "unheard",
     "words_of",

@@ -1,0 +1,136 @@
+"""Direct witnesses: who is wrong where sensors contradict each other, without a filter."""
+
+from __future__ import annotations
+
+from functools import cache
+from math import cos, sin
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from vsense_ros.estimation.timeline import Event
+from vsense_ros.files.installed import vehicle_path
+from vsense_ros.files.vehicle import load_vehicle
+from vsense_ros.manoeuvre.driver import understeer_gradient, wheelbase
+from vsense_ros.model.handling.base import car_numbers
+from vsense_ros.model.vehicle import Vehicle
+from vsense_ros.runner.velocity_witnesses import VelocityWitnesses
+from vsense_ros.runner.yaw_witnesses import WITNESSES, YawWitnesses
+
+SECOND = 1_000_000_000
+START = 10 * SECOND
+
+
+@cache
+def car() -> Vehicle:
+    return load_vehicle(vehicle_path("prototype_model"))
+
+
+def steady_yaw_rate(angle: float, speed: float) -> float:
+    """Of the linear single-track model in a steady turn (Mitschke 1990)."""
+    return speed * angle / (wheelbase(car()) + understeer_gradient(car()) * speed**2)
+
+
+def bend(angle: float, speed: float, seconds: float, wrong: dict[str, float], since: float = 2.0) -> YawWitnesses:
+    """The witnesses after a steady turn in which what is `wrong` adds to gyro, lateral acceleration, the yaw rate of
+    the wheels or the steering angle after some time."""
+    witnesses, sensors = YawWitnesses(car(), car().sensing()), list(car().sensing())
+    imu, steering, wheels = (sensors.index(name) for name in ("imu", "steering", "wheel_speeds"))
+    numbers, rate = car_numbers(car()), steady_yaw_rate(angle, speed)
+    for i in range(round(seconds / 0.01)):
+        stamp, now = START + i * SECOND // 100, wrong if i * 0.01 >= since else {}
+        turn = (rate + now.get("wheels", 0.0)) * numbers["rear_half_track"]
+        spins = (np.array([0.0, 0.0, -turn, turn]) + speed) / numbers["rear_radius"]
+        felt = np.array([0, 0, rate + now.get("gyro", 0.0), 0, rate * speed + now.get("acceleration", 0.0), 9.81])
+        for index, value in (
+            (steering, np.array([angle + now.get("steering", 0.0)])), (wheels, spins), (imu, felt),
+        ):  # fmt: skip
+            witnesses.hear(Event(index, stamp, value, np.zeros(len(value))), speed, 0.0)
+        if witnesses.wrong:
+            break
+    return witnesses
+
+
+@settings(max_examples=15, deadline=None)
+@given(st.floats(5.0, 35.0), st.floats(-3.5, 3.5))
+def test_in_a_steady_turn_nobody_contradicts_the_steering(speed: float, acceleration: float) -> None:
+    angle = acceleration * (wheelbase(car()) / speed**2 + understeer_gradient(car()))
+    witnesses = bend(angle, speed, 2.0, {})
+    assert not witnesses.since
+    assert witnesses.agreed > 1.0
+
+
+@settings(max_examples=10, deadline=None)
+@given(st.floats(8.0, 30.0), st.sampled_from([-1.0, 1.0]))
+def test_a_steering_angle_that_jumps_is_wrong_within_four_tenths_of_a_second(speed: float, side: float) -> None:
+    assert bend(0.0, speed, 2.4, {"steering": side * 1.05 / 16}).wrong
+
+
+@pytest.mark.parametrize("sensor", ["gyro", "acceleration", "wheels"])
+def test_a_single_other_witness_that_jumps_does_not_make_the_steering_wrong(sensor: str) -> None:
+    size = {"gyro": 0.5, "acceleration": 8.0, "wheels": 0.5}[sensor]
+    assert not bend(0.02, 15.0, 4.0, {sensor: size}).wrong
+
+
+def test_inertial_sensors_that_are_wrong_together_do_not_outvote_the_steering() -> None:
+    assert not bend(0.02, 15.0, 4.0, {"gyro": 0.4, "acceleration": 6.0}).wrong
+
+
+def test_a_car_that_slides_does_not_contradict_its_steering() -> None:
+    """The tyres follow half of what the linear model makes of an angle, at 6 m/s²."""
+    speed = 20.0
+    half = 6.0 / speed
+    angle = 2 * half * (wheelbase(car()) / speed + understeer_gradient(car()) * speed)
+    assert steady_yaw_rate(angle, speed) == pytest.approx(2 * half)
+    assert not bend(angle, speed, 4.0, {"gyro": -half, "acceleration": -half * speed, "wheels": -half}, since=0).wrong
+
+
+def test_below_walking_pace_nothing_is_judged() -> None:
+    assert not bend(0.0, 0.5 * WITNESSES.slowest, 4.0, {"steering": 0.5}).since
+
+
+def travelled(wrong: str, seconds: float, error: float, drift: float = 0.0) -> VelocityWitnesses:
+    """The witnesses after a drive at 15 m/s to the north-east, in which one sensor has an error of its speed [m/s] that
+    may grow [m/s²], from the second second on."""
+    witnesses, sensors = VelocityWitnesses(car(), car().sensing()), list(car().sensing())
+    radius, heading, speed = car_numbers(car())["rear_radius"], np.pi / 4, 15.0
+    way = 0.0
+    for i in range(round(seconds * 50)):
+        stamp, since = START + i * SECOND // 50, max(i / 50 - 2.0, 0.0)
+        more = (error if since else 0.0) + drift * since
+        speeds = {name: speed + more * (name == wrong) for name in ("wheel_speeds", "velocity", "position")}
+        way += speeds["position"] / 50
+        direction = np.array([cos(heading), sin(heading)])
+        values = {
+            "wheel_speeds": np.full(4, speeds["wheel_speeds"] / radius),
+            **({"velocity": speeds["velocity"] * direction, "position": way * direction} if i % 5 == 0 else {}),
+        }
+        for name, value in values.items():
+            index = sensors.index(name)
+            witnesses.hear(Event(index, stamp, value, np.full(len(value), 0.01)), heading)
+        if witnesses.wrong is not None:
+            break
+    return witnesses
+
+
+SENSORS = ("wheel_speeds", "velocity", "position")
+
+
+def test_where_all_agree_nobody_is_wrong() -> None:
+    witnesses = travelled("", 20.0, 0.0)
+    assert witnesses.wrong is None
+    assert not witnesses.since
+
+
+@pytest.mark.parametrize("sensor", SENSORS)
+@pytest.mark.parametrize(("error", "drift"), [(3.0, 0.0), (-3.0, 0.0), (0.0, 0.5), (0.0, -0.5)])
+def test_the_one_of_three_that_contradicts_both_others_is_wrong(sensor: str, error: float, drift: float) -> None:
+    witnesses = travelled(sensor, 9.0, error, drift)
+    assert witnesses.wrong == list(car().sensing()).index(sensor)
+
+
+@pytest.mark.parametrize("sensor", SENSORS)
+def test_a_radius_that_is_off_by_a_hundredth_is_no_contradiction(sensor: str) -> None:
+    assert not travelled(sensor, 20.0, 0.15).since

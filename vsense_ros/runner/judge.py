@@ -1,0 +1,48 @@
+"""What judges of whole sensors have in common: they hear every message before it acts on the filter."""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+
+import numpy as np
+
+from vsense_ros.estimation.timeline import Event, Timeline
+from vsense_ros.runner.adapter import Widening
+
+
+class Judge(ABC):
+    """One judge; `judged` is true if the car has the sensors for it, `out` are the places of sensors that are not
+    believed, and `why` says what for."""
+
+    judged: bool
+    why: str = ""
+    suspect: bool = False  # True while an inertial axis that seems wrong may be right, because another sensor is wrong
+
+    def __init__(self) -> None:
+        self.out: set[int] = set()
+
+    @property
+    def doubts(self) -> list[str]:
+        """What is doubtful of the whole estimate, in words, besides sensors that are out."""
+        return []
+
+    def doubt(self, index: int) -> str:
+        """What is doubtful about a sensor that is in use, in words; empty for nothing."""
+        return ""
+
+    @abstractmethod
+    def forget(self, stamp: int) -> None:
+        """The filter begins anew, at a time [ns]; what is out stays out."""
+
+    @abstractmethod
+    def hear(self, event: Event) -> None:
+        """Take in a message, in order of arrival; what is not believed of it is changed in it."""
+
+    @abstractmethod
+    def settle(self, timeline: Timeline) -> None:
+        """Do what follows: leave a sensor out, believe it again, or move the filter."""
+
+
+def widening_event(channel: int, stamp: int, widening: Widening) -> Event:
+    """The event on a channel by hand that widens an element of the state at a time [ns]."""
+    return Event(channel, stamp, np.array(widening), np.zeros(len(widening)), counted=True)

@@ -1,0 +1,127 @@
+"""A steering angle that is wrong: left out once the direct witnesses say so, estimated meanwhile, and believed again.
+
+The steering angle drives the model; it has no innovation of its own, and cannot just be absent. One that is left out is
+held where it was before it was wrong, and its error, a state of the filter in any case, is estimated from all other
+sensors as a random walk that is as fast as drivers steer.
+"""
+
+from __future__ import annotations
+
+from bisect import insort
+from collections import deque
+from collections.abc import Callable
+from math import degrees, nan
+from operator import attrgetter
+
+import numpy as np
+
+from vsense_ros.estimation.timeline import Event, Timeline
+from vsense_ros.runner.adapter import Adapter, Move, Widening
+from vsense_ros.runner.judge import Judge, widening_event
+from vsense_ros.runner.vote import Vote
+from vsense_ros.runner.vote_settings import STEERING, VOTE
+from vsense_ros.runner.yaw_witnesses import WITNESSES, YawWitnesses
+
+
+class SteeringJudge(Judge):
+    """The steering sensor of one car, as far as the runner may leave it out; `out` has its place while it is."""
+
+    why = "contradicts what gyro, wheels, accelerometer and course agree on"
+
+    def __init__(self, adapter: Adapter, vote: Vote, shift: int, tell: Callable[[int, str], None]) -> None:
+        super().__init__()
+        self._adapter, self._vote, self._shift, self._tell = adapter, vote, shift, tell
+        self._witnesses = YawWitnesses(adapter.vehicle, adapter.sensors)
+        self.judged = self._witnesses.possible and adapter.steering_error is not None
+        self._recent: deque[tuple[int, float]] = deque(maxlen=STEERING.kept)  # stamps [ns] and angles [rad]
+        self._wait = WITNESSES.agreed
+        self._held = self._offset = 0.0  # angle and offset before it was left out [rad]
+        self._widened = 0  # when its error was last given time to change [ns]
+        self._given = nan, 0  # the newest angle that was believed [rad], and its stamp [ns]
+        self._last = 0  # stamp of the newest angle [ns]
+
+    def forget(self, stamp: int) -> None:
+        self._witnesses.forget()
+        self._widened = stamp
+
+    @property
+    def place(self) -> int:
+        """The place of the sensor among all."""
+        return self._witnesses.steering
+
+    @property
+    def suspect(self) -> bool:  # type: ignore[override]
+        return not self.out and self._witnesses.suspects_steering
+
+    def hear(self, event: Event) -> None:
+        adapter = self._adapter
+        offset = self._offset if self.out else adapter.steering_offset()
+        self._witnesses.hear(event, adapter.forward_speed, offset)
+        if event.sensor == self.place:
+            angle = event.value.item(0)
+            self._recent.append((event.stamp, angle))
+            if self.out:
+                event.value = np.array([self._held])
+            elif self._is_jump(angle, event.stamp):
+                event.value = np.array([self._given[0]])
+            else:
+                self._given = angle, event.stamp
+
+    def _is_jump(self, angle: float, stamp: int) -> bool:
+        """True if no driver steers so far from the last angle, until the witnesses have had time to decide."""
+        before, at = self._given
+        period, self._last = (stamp - self._last) * 1e-9, stamp
+        jump = abs(angle - before)
+        if not jump > WITNESSES.jump + WITNESSES.fastest * period or not 0 < stamp - at < STEERING.undecided:
+            return False
+        self._tell(self.place, f"jumped by {degrees(jump):.1f}° at the road wheels")
+        return True
+
+    def settle(self, timeline: Timeline) -> None:
+        now = timeline.stamp
+        if not self.out:
+            if self._witnesses.wrong:
+                self._leave_out(timeline, now)
+        elif self._witnesses.agreed >= self._wait:
+            self._believe(timeline, now)
+        elif now - self._widened >= STEERING.period:
+            timeline.add(self._widening(now, now - self._widened))
+            self._widened = now
+
+    def _leave_out(self, timeline: Timeline, now: int) -> None:
+        error = self._adapter.steering_error
+        assert error is not None
+        begin = self._witnesses.since - STEERING.before
+        doubtful = begin - STEERING.doubtful
+        since = min([begin, *(out.since for _, _, out in self._vote.doubtful(doubtful))])
+        self.out.add(self.place)
+        self._offset = self._adapter.steering_offset()
+        known = [angle for stamp, angle in self._recent if stamp <= begin and angle == angle]
+        jumped = self._given[1] != self._last
+        self._held = self._given[0] if jumped or not known else known[-1]
+        ahead = timeline.rewind(max(since, now - VOTE.look_back))
+        self._vote.reconsider(doubtful, ahead)
+        for event in ahead:
+            if event.sensor == self.place and event.stamp > begin:
+                event.value = np.array([self._held])
+        if ahead:
+            for stamp in range(max(ahead[0].stamp, begin), now, STEERING.period):
+                insort(ahead, self._widening(stamp, STEERING.period), key=attrgetter("stamp"))
+        self._widened = now
+
+    def _believe(self, timeline: Timeline, now: int) -> None:
+        error = self._adapter.steering_error
+        assert error is not None
+        self.out.clear()
+        self._wait = min(2 * self._wait, WITNESSES.longest)
+        known = [angle for _, angle in self._recent if angle == angle]
+        timeline.add(Event(self.place, now, np.array(known[-1:] or [self._held]), np.zeros(1), counted=True))
+        back = Move(error, self._offset - self._adapter.steering_offset(), self._adapter.usual_deviation(error))
+        timeline.add(Event(self._shift, now, np.array(back), np.zeros(3), counted=True))
+
+    def _widening(self, stamp: int, time: int) -> Event:
+        """The event after which the steering's error may have changed for a time [ns]."""
+        error = self._adapter.steering_error
+        assert error is not None
+        change = Widening(error, STEERING.density * time * 1e-9)
+        return widening_event(self._shift, stamp, change)

@@ -1,0 +1,88 @@
+"""A sensor of where the car goes that is wrong: left out once the direct witnesses say so, and believed again."""
+
+from __future__ import annotations
+
+from vsense_ros.estimation.intake import Intake
+from vsense_ros.estimation.timeline import Event, Timeline
+from vsense_ros.model.sensors import SensorBase
+from vsense_ros.runner.adapter import Adapter
+from vsense_ros.runner.direction_judge import DirectionJudge
+from vsense_ros.runner.judge import Judge, widening_event
+from vsense_ros.runner.velocity_witnesses import SETTINGS, VelocityWitnesses
+from vsense_ros.runner.vote import Vote
+from vsense_ros.runner.vote_settings import VOTE
+
+
+class TravelJudge(Judge):
+    """Wheels, velocity and position of one car, as far as the runner may leave one of them out; `out` are the places of
+    those that are."""
+
+    why = "contradicts the two others of wheels, velocity and position"
+
+    def __init__(
+        self, adapter: Adapter, intake: Intake[SensorBase], vote: Vote, direction: DirectionJudge, shift: int
+    ) -> None:
+        super().__init__()
+        self._adapter, self._intake, self._vote, self._direction = adapter, intake, vote, direction
+        self._shift = shift
+        self.witnesses = VelocityWitnesses(adapter.vehicle, adapter.sensors)
+        self.judged = self.witnesses.possible and adapter.knows_car
+        self._wait: dict[int, float] = {}  # how long each must agree next time [s]
+
+    @property
+    def suspect(self) -> bool:  # type: ignore[override]
+        since = self.witnesses.since
+        return not self.out and since > 0 and self._intake.newest_arrival - since < SETTINGS.longest_wait * 1e9
+
+    def forget(self, stamp: int) -> None:
+        self.witnesses.forget()
+
+    def hear(self, event: Event) -> None:
+        if not self._adapter.heading_known:
+            return
+        self.witnesses.hear(event, self._adapter.heading)
+        if event.sensor in self.out:
+            event.without(list(range(len(event.value))))
+
+    def settle(self, timeline: Timeline) -> None:
+        found = self.witnesses
+        wrong = found.wrong
+        if wrong is not None and wrong not in self.out and self._adapter.heading_known and not self._is_refused(wrong):
+            if found.opposite:
+                self._reverse_wheels(timeline)
+            else:
+                self._leave_out(wrong, timeline)
+        for index in list(self.out):
+            since = found.agreed[index]
+            wait = self._wait.get(index, SETTINGS.agreed)
+            if since and (timeline.stamp - since) * 1e-9 >= wait:
+                self.out.discard(index)
+                self._wait[index] = min(2 * wait, SETTINGS.longest)
+
+    def _is_refused(self, index: int) -> bool:
+        """True for a position that jumped: the gate refuses it, and the filter is moved there if it stays."""
+        return index == self.witnesses.position and self._intake.health[index].refused_in_a_row > 0
+
+    def _reverse_wheels(self, timeline: Timeline) -> None:
+        """Take the wheel speeds with the other sign: most wheel sensors have none, and the car goes backwards."""
+        self._direction.reverse()
+        since = self.witnesses.since
+        ahead = timeline.rewind(max(since - int(SETTINGS.windows[0] * 1e9), timeline.stamp - VOTE.look_back))
+        self._vote.reconsider(since - int(SETTINGS.before * 1e9), ahead)
+        for event in ahead:
+            if event.sensor == self.witnesses.wheels:
+                event.value = -event.value
+        self.witnesses.reverse_wheels()
+
+    def _leave_out(self, index: int, timeline: Timeline) -> None:
+        """Go back to before the sensor was wrong, or as far as possible: by then it may have drawn the filter."""
+        self.out.add(index)
+        found, now = self.witnesses, timeline.stamp
+        ahead = timeline.rewind(now - VOTE.look_back)
+        self._vote.reconsider(found.since - int(SETTINGS.before * 1e9), ahead)
+        for event in ahead:
+            if event.sensor == index:
+                event.without(list(range(len(event.value))))
+        if ahead:
+            widened = self._adapter.doubted_motion(found.apart_by, found.apart_by * SETTINGS.windows[0])
+            ahead[:0] = [widening_event(self._shift, ahead[0].stamp, one) for one in widened]

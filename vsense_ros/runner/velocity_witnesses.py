@@ -1,0 +1,330 @@
+"""Direct witnesses of where the car went: who is wrong where wheels, GNSS velocity and GNSS position contradict.
+
+Each of them gives the displacement of the car within some seconds by an equation of its own:
+
+    wheels     ∫ v (cos ψ, sin ψ) dt    with the median v of the rolling speeds, and the heading ψ of the filter
+    velocity   ∫ (v_east, v_north) dt
+    position   p(t) - p(t - T)
+
+Where wheels and velocity contradict each other, the one is wrong that the position contradicts more, by the ratio of
+the likelihoods of both; where they agree, and the position contradicts both, the position is. Wheels know no lateral
+velocity, so that they are compared by the lengths of displacements, and by whether they go the same way.
+"""
+
+from __future__ import annotations
+
+from bisect import bisect_right
+from collections import deque
+from collections.abc import Mapping
+from dataclasses import dataclass
+from math import copysign, cos, hypot, isfinite, nan, sin, sqrt
+from typing import NamedTuple
+
+from vsense_ros.estimation.timeline import Event
+from vsense_ros.model.handling.base import car_numbers
+from vsense_ros.model.sensors import SensorBase, place_of
+from vsense_ros.model.vehicle import Vehicle
+
+
+@dataclass(frozen=True)
+class VelocityWitnessSettings:
+    """Margins and times; they were chosen such that no healthy recording of ours has a contradiction, and are decisions
+    of this project."""
+
+    windows: tuple[float, ...] = (1.0, 3.0, 10.0)  # [s] over which displacements are compared
+    period: float = 0.1  # [s] between comparisons
+    longest_gap: float = 1.5  # [s] between two messages that are still one way
+    share: float = 0.03  # [-] of the way: radius, slip, side slip
+    speed: float = 0.3  # [m/s] slip, and stamps that are early or late while the speed changes
+    deviations: float = 3.0  # [-] of the noise of two positions
+    averaged: int = 8  # [-] positions
+    restart: float = 10.0  # [m] by which a position jumps, or the way of the velocities begins anew
+    evidence: float = 4.5  # [-] logarithm of the ratio of likelihoods that decides between wheels and velocity
+    confirmed: int = 3  # [-] comparisons in a row that give the same verdict
+    before: float = (
+        2.0  # [s] before a contradiction, from which on inertial axes were left out that may have been right
+    )
+    longest_wait: float = 3.0  # [s] in which no inertial axis is left out, as one of the witnesses may be wrong
+    felt: float = 0.02  # [s] between looks at wheels and inertial sensor
+    sliding: float = 4.0  # [m/s²] horizontal acceleration from which on wheels may slide, until
+    rolling_again: float = 0.5  # [s] later
+    agreed: float = 2.0  # [s] of agreement after which a sensor is believed again; twice as long each time, up
+    longest: float = 60.0  # [s] to this
+
+
+SETTINGS = VelocityWitnessSettings()
+
+
+class Place(NamedTuple):
+    """Where a way has come to [m] at a time [ns], east and north of where it began."""
+
+    stamp: int
+    east: float
+    north: float
+
+
+class Way:
+    """The way that one sensor says the car went, as long as the longest window."""
+
+    def __init__(self) -> None:
+        self._stamps: list[int] = []
+        self._places: list[Place] = []
+        self._velocity = (0.0, 0.0)
+
+    @property
+    def newest(self) -> int:
+        """Stamp of the newest place [ns]; 0 if there is none."""
+        return self._stamps[-1] if self._stamps else 0
+
+    def clear(self) -> None:
+        """Forget everything."""
+        self._stamps.clear()
+        self._places.clear()
+
+    def go(self, stamp: int, east: float, north: float) -> None:
+        """Take in a velocity [m/s]: the way is its integral by the trapezoidal rule."""
+        if not isfinite(east + north):
+            return
+        last = self._places[-1] if self._follows(stamp) else Place(stamp, 0.0, 0.0)
+        half = 0.5e-9 * (stamp - last.stamp)
+        before = self._velocity
+        self._velocity = (east, north)
+        self.be(stamp, last.east + half * (before[0] + east), last.north + half * (before[1] + north))
+
+    def be(self, stamp: int, east: float, north: float) -> None:
+        """Take in a place [m]."""
+        if not isfinite(east + north) or (stamp <= self.newest and self._follows(stamp)):
+            return
+        if not self._follows(stamp):
+            self.clear()
+        self._stamps.append(stamp)
+        self._places.append(Place(stamp, east, north))
+        if len(self._stamps) > 256 and self._stamps[128] < stamp - 1.2e9 * SETTINGS.windows[-1]:
+            del self._stamps[:128], self._places[:128]
+
+    def reverse(self) -> None:
+        """All of the way was the other way round."""
+        self._places = [Place(stamp, -east, -north) for stamp, east, north in self._places]
+        self._velocity = (-self._velocity[0], -self._velocity[1])
+
+    def _follows(self, stamp: int) -> bool:
+        """True if a message belongs to the same way as those before."""
+        return bool(self._stamps) and abs(stamp - self._stamps[-1]) <= SETTINGS.longest_gap * 1e9
+
+    def at(self, stamp: int) -> tuple[float, float] | None:
+        """Where the way was at a time [ns], between two messages; None where it is not known."""
+        i = bisect_right(self._stamps, stamp)
+        if not 0 < i < len(self._stamps):
+            return None if not i or self._stamps[-1] != stamp else self._places[-1][1:]
+        before, after = self._places[i - 1], self._places[i]
+        share = (stamp - before.stamp) / (after.stamp - before.stamp)
+        return before.east + share * (after.east - before.east), before.north + share * (after.north - before.north)
+
+    def ahead(self, stamp: int) -> tuple[float, float] | None:
+        """Where the way was at a time [ns], or is when it goes on as at its end; None where it is not known."""
+        if not self._places or stamp <= self.newest:
+            return self.at(stamp)
+        if not self._follows(stamp):
+            return None
+        last, h = self._places[-1], (stamp - self.newest) * 1e-9
+        return last.east + h * self._velocity[0], last.north + h * self._velocity[1]
+
+    def between(self, begin: int, end: int) -> tuple[float, float] | None:
+        """The displacement from one time to another [ns], [m]; None where it is not known."""
+        first, last = self.at(begin), self.at(end)
+        if first is None or last is None:
+            return None
+        return last[0] - first[0], last[1] - first[1]
+
+
+class VelocityWitnesses:
+    """Wheels, velocity and position of one car; `hear` takes every message in order of arrival.
+
+    `wrong` is the place of the sensor that is wrong, None for none or as long as that is not clear; `since` the stamp
+    since when two of them have contradicted each other [ns], 0 while none do. `opposite` is true if the wheels are
+    wrong and would be right with the other sign. `apart_by` is by how much the speeds differ at most [m/s].
+    """
+
+    def __init__(self, vehicle: Vehicle, sensors: Mapping[str, SensorBase]) -> None:
+        self._sensors = tuple(sensors.values())
+        self.wheels = place_of(self._sensors, "rolling speed")
+        self.velocity = place_of(self._sensors, "course")
+        self.position = place_of(self._sensors, "position")
+        self._inertial = place_of(self._sensors, "rates and forces")
+        self._radius = car_numbers(vehicle)["rear_radius"]
+        self.forget()
+
+    @property
+    def possible(self) -> bool:
+        """True if there are three witnesses."""
+        return min(self.wheels, self.velocity, self.position) >= 0
+
+    def forget(self) -> None:
+        """The filter begins anew."""
+        self._ways = {i: Way() for i in (self.wheels, self.velocity, self.position)}
+        self._variance = 0.0  # of a position, averaged [m²]
+        compared = self.wheels, self.velocity
+        # Of positions from the ways of both: the newest offsets, and how their mean goes on.
+        self._offsets = {i: deque[tuple[float, float]](maxlen=SETTINGS.averaged) for i in compared}
+        self._offset_ways = {i: Way() for i in compared}
+        self._compared = self._streak = 0
+        self._felt = self._sliding_until = 0  # [ns]
+        self._suspect: int | None = None
+        self.wrong: int | None = None
+        self.opposite = False
+        self.apart_by = 0.0
+        self.since = 0
+        self.agreed = dict.fromkeys(self._ways, 0)  # since when each has agreed with another one [ns], 0: it does not
+
+    def hear(self, event: Event, heading: float) -> None:
+        """Take in a message, with the heading of the filter [rad]."""
+        index = event.sensor
+        if index == self._inertial:
+            self._feel(event)
+            return
+        way = self._ways.get(index)
+        if way is None:
+            return
+        if index == self.wheels:
+            if 0 < event.stamp - way.newest < SETTINGS.felt * 1e9:
+                return
+            if event.stamp < self._sliding_until:
+                way.clear()
+                return
+            speed = self._radius * _median(event.value.tolist())
+            way.go(event.stamp, speed * cos(heading), speed * sin(heading))
+            return
+        east, north = event.value.tolist()[:2]
+        if index == self.velocity:
+            way.go(event.stamp, east, north)
+        else:
+            self._locate(event)
+        end = min(way.newest for way in self._ways.values())
+        if abs(end - self._compared) >= SETTINGS.period * 1e9:
+            self._compared = end
+            self._compare(end)
+
+    def _feel(self, event: Event) -> None:
+        """Take in an inertial message: where accelerations are large, wheels may slide, and are not asked."""
+        if 0 <= event.stamp - self._felt < SETTINGS.felt * 1e9:
+            return
+        self._felt = event.stamp
+        *_, along, across, _ = self._sensors[self._inertial].in_axes_of_car(event.value[None])[0].tolist()
+        if hypot(along, across) > SETTINGS.sliding:
+            self._sliding_until = event.stamp + int(SETTINGS.rolling_again * 1e9)
+
+    def _locate(self, event: Event) -> None:
+        """Take in a position: its noise is averaged over several, as offsets from the ways of wheels and velocity."""
+        stamp = event.stamp
+        east, north = event.value.tolist()[:2]
+        self._ways[self.position].be(stamp, east, north)
+        for index, way in self._offset_ways.items():
+            there, offsets = self._ways[index].ahead(stamp), self._offsets[index]
+            if there is None or not isfinite(east + north):
+                offsets.clear()
+                way.clear()
+                continue
+            offset = east - there[0], north - there[1]
+            if offsets and _length(offset, offsets[-1]) > SETTINGS.restart:
+                offsets.clear()
+            offsets.append(offset)
+            count = len(offsets)
+            way.be(stamp, sum(one[0] for one in offsets) / count, sum(one[1] for one in offsets) / count)
+            self._variance = float(event.variance.max()) / count
+
+    def reverse_wheels(self) -> None:
+        """The wheels have turned the other way than they said."""
+        self._ways[self.wheels].reverse()
+        self._offsets[self.wheels].clear()
+        self._offset_ways[self.wheels].clear()
+        self.wrong, self.opposite, self._streak, self.since = None, False, 0, 0
+
+    def _compare(self, end: int) -> None:
+        """Compare the ways up to the time [ns] that all of them have come to."""
+        apart: set[frozenset[int]] = set()
+        together: set[frozenset[int]] = set()
+        lately: set[frozenset[int]] = set()  # apart within a short time
+        wheels, velocity, position = self._ways
+        opposite, self.apart_by, evidence = False, 0.0, 0.0
+        for window in SETTINGS.windows:
+            begin = end - int(window * 1e9)
+            ways = {i: way.between(begin, end) for i, way in self._ways.items()}
+            positions = {i: self._position(i, ways[i], begin, end) for i in (wheels, velocity)}
+            for pair, other in (
+                ((wheels, velocity), ways[velocity]),
+                ((wheels, position), positions[wheels]),
+                ((velocity, position), positions[velocity]),
+            ):
+                one = ways[pair[0]]
+                if one is None or other is None:
+                    continue
+                if not self._contradict(pair, one, other, window):
+                    together.add(frozenset(pair))
+                    continue
+                apart.add(frozenset(pair))
+                self.apart_by = max(self.apart_by, _length(one, other) / window)
+                if window < SETTINGS.windows[-1]:
+                    lately.add(frozenset(pair))
+                if pair == (wheels, velocity):
+                    against = self._far(one, positions[wheels]) - self._far(other, positions[velocity])
+                    evidence = max(evidence, against, key=abs)
+                    opposite = opposite or not self._contradict(pair, (-one[0], -one[1]), other, window)
+        together -= apart
+        now = max(way.newest for way in self._ways.values())
+        self.since = (self.since or end) if apart else 0
+        suspect = None
+        if abs(evidence) > SETTINGS.evidence:
+            suspect = wheels if evidence > 0 else velocity
+        elif frozenset((wheels, velocity)) in together and all(
+            frozenset((i, position)) in apart for i in (wheels, velocity)
+        ):
+            suspect = position
+        for i in self._ways:
+            agrees = not any(i in pair for pair in lately) and any(i in pair for pair in together)
+            self.agreed[i] = (self.agreed[i] or now) if agrees else 0
+        self._streak = self._streak + 1 if suspect is not None and suspect == self._suspect else 0
+        self._suspect = suspect
+        self.wrong = suspect if self._streak >= SETTINGS.confirmed else None
+        self.opposite = self.wrong == wheels and opposite
+
+    def _position(
+        self, index: int, way: tuple[float, float] | None, begin: int, end: int
+    ) -> tuple[float, float] | None:
+        """The displacement of the positions, as their averaged offset from a way says it."""
+        more = self._offset_ways[index].between(begin, end)
+        return None if way is None or more is None else (way[0] + more[0], way[1] + more[1])
+
+    def _far(self, one: tuple[float, float], position: tuple[float, float] | None) -> float:
+        """How unlikely a displacement along the way is, with that of the positions: a negative logarithm."""
+        if position is None:
+            return 0.0
+        length = copysign(hypot(*one), one[0] * position[0] + one[1] * position[1])
+        return (hypot(*position) - length) ** 2 / (4 * self._variance)
+
+    def _contradict(
+        self, pair: tuple[int, int], one: tuple[float, float], other: tuple[float, float], window: float
+    ) -> bool:
+        """True if two displacements are apart by more than their margins."""
+        s = SETTINGS
+        lengths = hypot(*one), hypot(*other)
+        margin = s.share * max(lengths) + s.speed * window
+        if self.position in pair:
+            margin += s.deviations * sqrt(2 * self._variance)
+        if self.wheels not in pair:
+            return _length(one, other) > margin
+        opposite = one[0] * other[0] + one[1] * other[1] < 0
+        return abs(lengths[0] - (-lengths[1] if opposite else lengths[1])) > margin
+
+
+def _median(values: list[float]) -> float:
+    """The median of those that are there; NaN for none."""
+    present = sorted(value for value in values if isfinite(value))
+    if not present:
+        return nan
+    half = len(present) // 2
+    return 0.5 * (present[half] + present[~half])
+
+
+def _length(one: tuple[float, float], other: tuple[float, float]) -> float:
+    """The distance of two places."""
+    return hypot(one[0] - other[0], one[1] - other[1])
