@@ -47,7 +47,7 @@ def bend(angle: float, speed: float, seconds: float, wrong: dict[str, float], si
         for index, value in (
             (steering, np.array([angle + now.get("steering", 0.0)])), (wheels, spins), (imu, felt),
         ):  # fmt: skip
-            witnesses.hear(Event(index, stamp, value, np.zeros(len(value))), speed, 0.0)
+            witnesses.hear(Event(index, stamp, value, np.zeros(len(value))), lambda: (speed, 0.0))
         if witnesses.wrong:
             break
     return witnesses
@@ -109,7 +109,7 @@ def travelled(wrong: str, seconds: float, error: float, drift: float = 0.0) -> V
         }
         for name, value in values.items():
             index = sensors.index(name)
-            witnesses.hear(Event(index, stamp, value, np.full(len(value), 0.01)), heading)
+            witnesses.hear(Event(index, stamp, value, np.full(len(value), 0.01)), lambda: heading)
         if witnesses.wrong is not None:
             break
     return witnesses

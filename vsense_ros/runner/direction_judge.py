@@ -23,7 +23,7 @@ from vsense_ros.estimation.timeline import Event, Timeline
 from vsense_ros.model.handling.base import car_numbers
 from vsense_ros.model.sensors import place_of
 from vsense_ros.runner.adapter import Adapter
-from vsense_ros.runner.judge import Judge
+from vsense_ros.runner.judge import Judge, into_axes_of_car
 
 
 @dataclass(frozen=True)
@@ -61,6 +61,7 @@ class DirectionJudge(Judge):
         self._inertial = place_of(sensors, "rates and forces")
         self._steering = place_of(sensors, "steering")
         self._wheels = place_of(sensors, "rolling speed")
+        self._into_car = into_axes_of_car(sensors, self._inertial)
         self.judged = self._inertial >= 0 and adapter.knows_car
         self.reversed = False
         numbers = car_numbers(adapter.vehicle)
@@ -107,7 +108,7 @@ class DirectionJudge(Judge):
         self._sum += event.value
         self._count += 1
         if passed >= DIRECTION.block:
-            value = self._adapter.intake.sensors[self._inertial].in_axes_of_car(self._sum[None] / self._count)[0]
+            value = self._into_car(self._sum / self._count)
             self._sum[:], self._count, self._from = 0.0, 0, event.stamp
             self._weigh(passed, value.tolist())
 

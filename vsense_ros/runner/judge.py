@@ -3,11 +3,17 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
+from collections.abc import Callable, Sequence
+from math import isfinite
 
 import numpy as np
+from numpy.typing import NDArray
 
 from vsense_ros.estimation.timeline import Event, Timeline
+from vsense_ros.model.sensors import SensorBase
 from vsense_ros.runner.adapter import Widening
+
+Array = NDArray[np.float64]
 
 
 class Judge(ABC):
@@ -41,6 +47,17 @@ class Judge(ABC):
     @abstractmethod
     def settle(self, timeline: Timeline) -> None:
         """Do what follows: leave a sensor out, believe it again, or move the filter."""
+
+
+def into_axes_of_car(sensors: Sequence[SensorBase], place: int) -> Callable[[Array], Array]:
+    """What brings a reading (6,) of the inertial sensor at a place into the axes of the car; no change without one."""
+    if place < 0:
+        return lambda value: value
+    sensor = sensors[place]
+    turn = sensor.in_axes_of_car(np.eye(6)).T
+    if np.array_equal(turn, np.eye(6)):
+        return lambda value: value
+    return lambda value: turn @ value if isfinite(value.dot(value)) else sensor.in_axes_of_car(value[None])[0]
 
 
 def widening_event(channel: int, stamp: int, widening: Widening) -> Event:

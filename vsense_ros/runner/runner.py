@@ -37,6 +37,7 @@ from vsense_ros.runner.vote_settings import VOTE
 
 Array = NDArray[np.float64]
 
+_BETWEEN_JUDGEMENTS = 20_000_000  # [ns] about whole sensors
 _NEWS = 5_000_000_000  # [ns] for which a reset is reported
 
 
@@ -81,6 +82,7 @@ class Runner:
             SteeringJudge(adapter, self.vote, len(channels), self._complain),
             TravelJudge(adapter, self.intake, self.vote, direction, len(channels)),
         )
+        self._judged_at = 0
         self.judges = tuple(judge for judge in judges if judge.judged)
         self._timeline = Timeline(
             self.filter,
@@ -190,9 +192,11 @@ class Runner:
             for move in self.resets.asked():
                 self._shift(move)
         vote = self.vote
-        for judge in self.judges:
-            judge.settle(self._timeline)
-        vote.wait = any(judge.suspect for judge in self.judges)
+        if self.judges and not 0 <= self.stamp - self._judged_at < _BETWEEN_JUDGEMENTS:
+            self._judged_at = self.stamp
+            for judge in self.judges:
+                judge.settle(self._timeline)
+            vote.wait = any(judge.suspect for judge in self.judges)
         if vote.due(self.stamp):
             vote.decide(self._timeline)
         while vote.returned:

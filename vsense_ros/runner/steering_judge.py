@@ -54,9 +54,7 @@ class SteeringJudge(Judge):
         return not self.out and self._witnesses.suspects_steering
 
     def hear(self, event: Event) -> None:
-        adapter = self._adapter
-        offset = self._offset if self.out else adapter.steering_offset()
-        self._witnesses.hear(event, adapter.forward_speed, offset)
+        self._witnesses.hear(event, self._motion)
         if event.sensor == self.place:
             angle = event.value.item(0)
             self._recent.append((event.stamp, angle))
@@ -66,6 +64,11 @@ class SteeringJudge(Judge):
                 event.value = np.array([self._given[0]])
             else:
                 self._given = angle, event.stamp
+
+    def _motion(self) -> tuple[float, float]:
+        """Speed [m/s] and steering offset [rad] of the filter; the latter from before the steering was left out."""
+        adapter = self._adapter
+        return adapter.forward_speed, self._offset if self.out else adapter.steering_offset()
 
     def _is_jump(self, angle: float, stamp: int) -> bool:
         """True if no driver steers so far from the last angle, until the witnesses have had time to decide."""

@@ -40,7 +40,7 @@ class TravelJudge(Judge):
     def hear(self, event: Event) -> None:
         if not self._adapter.heading_known:
             return
-        self.witnesses.hear(event, self._adapter.heading)
+        self.witnesses.hear(event, self._heading)
         if event.sensor in self.out:
             event.without(list(range(len(event.value))))
 
@@ -58,6 +58,9 @@ class TravelJudge(Judge):
             if since and (timeline.stamp - since) * 1e-9 >= wait:
                 self.out.discard(index)
                 self._wait[index] = min(2 * wait, SETTINGS.longest)
+
+    def _heading(self) -> float:
+        return self._adapter.heading
 
     def _is_refused(self, index: int) -> bool:
         """True for a position that jumped: the gate refuses it, and the filter is moved there if it stays."""

@@ -15,7 +15,7 @@ from __future__ import annotations
 
 from bisect import bisect_right
 from collections import deque
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from math import copysign, cos, hypot, isfinite, nan, sin, sqrt
 from typing import NamedTuple
@@ -24,6 +24,7 @@ from vsense_ros.estimation.timeline import Event
 from vsense_ros.model.handling.base import car_numbers
 from vsense_ros.model.sensors import SensorBase, place_of
 from vsense_ros.model.vehicle import Vehicle
+from vsense_ros.runner.judge import into_axes_of_car
 
 
 @dataclass(frozen=True)
@@ -151,6 +152,7 @@ class VelocityWitnesses:
         self.velocity = place_of(self._sensors, "course")
         self.position = place_of(self._sensors, "position")
         self._inertial = place_of(self._sensors, "rates and forces")
+        self._into_car = into_axes_of_car(self._sensors, self._inertial)
         self._radius = car_numbers(vehicle)["rear_radius"]
         self.forget()
 
@@ -176,8 +178,8 @@ class VelocityWitnesses:
         self.since = 0
         self.agreed = dict.fromkeys(self._ways, 0)  # since when each has agreed with another one [ns], 0: it does not
 
-    def hear(self, event: Event, heading: float) -> None:
-        """Take in a message, with the heading of the filter [rad]."""
+    def hear(self, event: Event, heading_of: Callable[[], float]) -> None:
+        """Take in a message; `heading_of` gives the heading of the filter [rad]."""
         index = event.sensor
         if index == self._inertial:
             self._feel(event)
@@ -191,7 +193,7 @@ class VelocityWitnesses:
             if event.stamp < self._sliding_until:
                 way.clear()
                 return
-            speed = self._radius * _median(event.value.tolist())
+            heading, speed = heading_of(), self._radius * _median(event.value.tolist())
             way.go(event.stamp, speed * cos(heading), speed * sin(heading))
             return
         east, north = event.value.tolist()[:2]
@@ -209,7 +211,7 @@ class VelocityWitnesses:
         if 0 <= event.stamp - self._felt < SETTINGS.felt * 1e9:
             return
         self._felt = event.stamp
-        *_, along, across, _ = self._sensors[self._inertial].in_axes_of_car(event.value[None])[0].tolist()
+        *_, along, across, _ = self._into_car(event.value).tolist()
         if hypot(along, across) > SETTINGS.sliding:
             self._sliding_until = event.stamp + int(SETTINGS.rolling_again * 1e9)
 

@@ -19,7 +19,7 @@ steering, the steering is wrong.
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from math import atan2, exp, hypot, isfinite, nan, pi, remainder
 
@@ -29,6 +29,7 @@ from vsense_ros.estimation.timeline import Event
 from vsense_ros.model.handling.base import car_numbers
 from vsense_ros.model.sensors import SensorBase, place_of
 from vsense_ros.model.vehicle import Vehicle
+from vsense_ros.runner.judge import into_axes_of_car
 
 
 @dataclass(frozen=True)
@@ -80,6 +81,7 @@ class YawWitnesses:
         self._sensors = tuple(sensors.values())
         self.steering = place_of(self._sensors, "steering")
         self._inertial = place_of(self._sensors, "rates and forces")
+        self._into_car = into_axes_of_car(self._sensors, self._inertial)
         self._wheels = place_of(self._sensors, "rolling speed")
         self._course = place_of(self._sensors, "course")
         numbers = car_numbers(vehicle)
@@ -120,11 +122,11 @@ class YawWitnesses:
         """True if the steering is wrong."""
         return self.contradiction > WITNESSES.wrong and self._support > 0
 
-    def hear(self, event: Event, speed: float, offset: float) -> None:
-        """Take in a message, with the speed [m/s] and the steering offset [rad] of the filter."""
+    def hear(self, event: Event, motion: Callable[[], tuple[float, float]]) -> None:
+        """Take in a message; `motion` gives the speed [m/s] and the steering offset [rad] of the filter."""
         index = event.sensor
         if index == self._inertial:
-            self._feel(event, speed, offset)
+            self._feel(event, motion)
         elif index == self.steering:
             self._steer(event.value.item(0), event.stamp)
         elif index == self._wheels:
@@ -141,7 +143,7 @@ class YawWitnesses:
             self._jumped = stamp
         self._angle, self._angle_at = angle, stamp
 
-    def _feel(self, event: Event, speed: float, offset: float) -> None:
+    def _feel(self, event: Event, motion: Callable[[], tuple[float, float]]) -> None:
         stamp = event.stamp
         passed = (stamp - self._from) * 1e-9
         if not 0.0 <= passed < 1.0:
@@ -152,8 +154,9 @@ class YawWitnesses:
         if passed < WITNESSES.block:
             return
         value = self._sum / self._count
-        value = self._sensors[self._inertial].in_axes_of_car(value[None])[0]
+        value = self._into_car(value)
         self._sum[:], self._count, self._from = 0.0, 0, stamp
+        speed, offset = motion()
         self._judge(stamp, passed, value.item(2), value.item(4), max(speed, _CRAWLING), offset)
 
     def _judge(self, stamp: int, h: float, gyro: float, lateral: float, speed: float, offset: float) -> None:
