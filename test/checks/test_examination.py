@@ -122,6 +122,18 @@ def test_a_healthy_car_that_is_steered_in_a_sine_is_not_mended(frequency, late_b
         assert mends(slalom(0.3 / frequency, frequency, duration, late_by)) == []
 
 
+@pytest.mark.parametrize("frequency", [0.4, 0.5])
+def test_a_roll_rate_that_follows_a_sine_steer_later_does_not_show_the_axis_that_the_car_turns_about(frequency):
+    healthy = slalom(0.3 / frequency, frequency)
+    channel = healthy[IMU]
+    rates = channel.columns["angular_velocity"].copy()
+    yaw_rate = rates[:, 2].copy()
+    rates[:, 0] = 0.3 * np.roll(yaw_rate, round(1.0 / frequency / 0.01))  # most like the yaw rate a radian later
+    rates[:, 2] += 0.3 * yaw_rate.std() * np.sin(0.02 * np.arange(len(yaw_rate)))
+    rolling = replace(channel, columns={**channel.columns, "angular_velocity": rates})
+    assert mends(replace(healthy, channels={**healthy.channels, IMU: rolling})) == []
+
+
 def test_a_sine_that_goes_along_without_a_lag_has_its_sign_though_it_is_more_like_its_reverse_half_a_period_later():
     """As where the car turns otherwise than it is steered at first: that part has no partner half a period later."""
     step = 0.02

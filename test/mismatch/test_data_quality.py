@@ -258,9 +258,16 @@ def test_recordings_of_cars_that_no_parameters_fit_alike_are_refused():
     van = prototype().with_parameters(
         {"chassis.mass": 1000.0, "front.unloaded_radius": 0.262, "rear.unloaded_radius": 0.262}
     )
-    found = explain_recordings([driven(prototype(), "brake"), NO_GNSS(driven(van, "brake"))], prototype()).answer
+    result = explain_recordings([driven(prototype(), "brake"), NO_GNSS(driven(van, "brake"))], prototype())
+    found = result.answer
     assert found.verdict == "not_assessable"
     assert "are they recordings of one car?" in found.sentence
+    # What was fitted is shown: errors, the parameters that do not fit, and the curves of both recordings.
+    assert {signal.name for signal in found.located.signals} == set(found.fit)
+    assert found.fit["speed"].training.before == found.fit["speed"].training.after > 0
+    assert abs(found.base["mass"].value) > 0.1
+    assert {trace.recording for trace in result.traces} == {window.recording for window in found.located.segments}
+    assert not found.effects
 
 
 def test_a_fit_that_is_still_changing_is_none_to_start_from():

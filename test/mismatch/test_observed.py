@@ -16,7 +16,7 @@ from synthetic_findings import finding
 from vsense_ros.evaluate.reference import ODOMETRY, at_reference
 from vsense_ros.messages.recording import Channel, Recording
 from vsense_ros.mismatch.answer_schema import ObserverComparison, ObserverError, ObserverFigures, SensorFigures
-from vsense_ros.mismatch.observed import comparison, fitted_place, noise_levels
+from vsense_ros.mismatch.observed import _judged, comparison, fitted_place, noise_levels
 from vsense_ros.mismatch.page import write_report
 from vsense_ros.mismatch.tables import observer_rows
 from vsense_ros.mismatch.terminal import printed
@@ -96,6 +96,13 @@ def test_the_true_car_makes_the_observer_better_and_a_wrong_one_does_not():
     worse = judged(prototype(), opposite, true)
     assert not worse.improved
     assert worse.sentence.startswith("The observer is not better")
+
+
+@pytest.mark.parametrize(("retuned", "better"), [(0.0029, True), (0.0027, False)])
+def test_a_model_is_no_better_where_noise_levels_alone_bring_the_side_slip_nearer_to_a_reference(retuned, better):
+    extended = 0.0028
+    found = compared(improved=False).with_(retuned=figures(1.1, retuned), extended=figures(1.5, extended))
+    assert _judged(found)[0] == better
 
 
 @pytest.mark.parametrize("improved", [True, False])

@@ -48,6 +48,19 @@ def test_a_signal_without_noise_has_next_to_none():
     assert noise(drive, drive.readings, SENSORS, 0.3)["yaw_rate"] < 1e-4
 
 
+@pytest.mark.parametrize(("step", "held"), [(0.02, 1), (0.02, 5), (0.0, 5)], ids=["coarse", "coarse, held", "held"])
+def test_values_in_steps_and_held_values_have_the_noise_of_what_was_sampled(step, held):
+    t = np.arange(BEGIN - 1.0, END + 1.0, PERIOD)
+    deviation = 0.002
+    exact = slalom(t / 50)  # slow beside the samples, as a steered curve is
+    read = exact + deviation * np.random.default_rng(3).standard_normal(len(t))
+    read = np.repeat(read[::held], held)[: len(t)]
+    read = np.round(read / step) * step if step else read
+    drive = window_of(read, t)
+    expected = float(np.hypot(deviation, step / np.sqrt(12)) * np.sqrt(2 * SIGNALS.cut_off * PERIOD * held))
+    assert noise(drive, drive.readings, SENSORS, 0.3)["yaw_rate"] == pytest.approx(expected, rel=0.6)
+
+
 def test_side_slip_is_the_course_less_the_heading_up_to_what_drifts():
     t = np.arange(BEGIN - 1.0, 20.0 + 1.0, PERIOD)
     rate, slip = slalom(t), 0.02 * np.sin(2 * np.pi * 0.5 * t)

@@ -514,6 +514,9 @@ def test_of_two_effects_the_second_is_excluded_by_what_it_adds_to_the_first_alon
     judged = judge((bank, found, other), (), unfinished(2.0))
     assert (judged.verdict, judged.rivals) == ("named", (found,))
     assert judged.confidence(found, "ratio") == pytest.approx(confidence(0.8, 0.5))  # of what the bank leaves
+    assert judged.without(found, "ratio") is bank
+    assert judged.without(found, "bank") is None  # a ratio alone was not fitted
+    assert judged.without(bank, "bank") is None
     assert judged.confidence(bank, "bank") == confidence(0.5, 0.0)
     assert judged.confidence(other, "gyro") <= THRESHOLDS.refused
     near = explaining("bank + gyro", 0.87, 0.87)

@@ -156,16 +156,29 @@ def _signed_permutations(count: int) -> list[Array]:
 
 
 def _turning_axis(motion: Motion) -> Array | None:
-    """The axis of the gyros (3,), with its sign, that the car turns about; None where the others do not show it."""
+    """The axis of the gyros (3,), with its sign, that the car turns about; None where the others do not show it.
+
+    All axes are compared at one lag, and at none where that will do: of a sine steer roll and pitch rates go along with
+    the turning of the car a quarter of a period earlier or later.
+    """
     source = motion.first_turning(GNSS, WHEELS, ROAD_WHEEL, STEERING_WHEEL)
-    best, axis = SETTINGS.correlation, None
-    for index, name in enumerate(RATES):
-        if source is not None and name in motion.signals:
-            rate = motion.smooth(motion.signals.signals[name])
-            correlation = signed_correlation(rate, motion.turns[source], motion.signals.step)
-            if abs(correlation) > best:
-                best, axis = abs(correlation), np.sign(correlation) * np.eye(3)[index]
-    return axis
+    names = [name for name in RATES if name in motion.signals]
+    if source is None or not names:
+        return None
+    step = motion.signals.step
+    rates, turning = [motion.smooth(motion.signals.signals[name]) for name in names], motion.turns[source]
+    longest = min(round(LAGS.longest / step), len(turning) - 1)
+    if longest < 1:
+        return None
+    least = LAGS.least_overlap / step
+    curves = np.abs(np.nan_to_num([lag_curve(rate, turning, longest, least).correlation for rate in rates]))
+    together = curves[:, longest].max() >= SETTINGS.correlation
+    lag = longest if together else int(np.argmax(curves.max(axis=0)))
+    best = int(np.argmax(curves[:, lag]))
+    correlation = signed_correlation(rates[best], turning, step)
+    if abs(correlation) <= SETTINGS.correlation:
+        return None
+    return np.asarray(np.sign(correlation) * np.eye(3)[RATES.index(names[best])])
 
 
 def _steering(motion: Motion, topic: str) -> Iterator[Finding]:

@@ -133,6 +133,7 @@ def _entry(
     judged: Judged, hypothesis: Hypothesis, candidate: Candidate, dataset: Dataset, validation: Validation
 ) -> EffectEntry:
     ids = answer_set(judged)
+    rest = judged.without(hypothesis, candidate.effect)
     return EffectEntry(
         id=candidate.effect,
         sentence=physics_in_words(hypothesis, candidate),
@@ -152,13 +153,21 @@ def _entry(
         gain_left_out=hypothesis.cv_share,
         gain_held_out=validation.gain(hypothesis),
         adds_to_best=judged.adds(hypothesis),
-        keep=hypothesis.independent_share,
+        gain_without=None if rest is None else validation.lasting(rest),
+        keep=_independent_share(hypothesis, candidate),
         confidence=judged.confidence(hypothesis, candidate.effect),
         objection=judged.objection_to(hypothesis),
         accepted=hypothesis is judged.leader and candidate.effect in judged.sure,
         answer_set=tuple(ids) if candidate.effect in ids else (),
         would_separate=None,
     )
+
+
+def _independent_share(hypothesis: Hypothesis, candidate: Candidate) -> float:
+    """The share of what an effect changes that all other parameters of its explanation cannot imitate."""
+    if len(hypothesis.candidates) == 1:
+        return hypothesis.independent_share
+    return hypothesis.fit.equations.independent_share(candidate.free_parameters)
 
 
 def _place_of(candidate: Candidate) -> dict[str, str]:

@@ -206,8 +206,14 @@ class EffectEntry(_Part):
         "together.",
         "-",
     )
+    gain_without: float | None = _field(
+        "What the other effects of its explanation explain without it on held-out recordings, or without any where "
+        "they were left out of the fit; null where it was fitted alone.",
+        "-",
+        default=None,
+    )
     keep: float = _field(
-        "Share of what it changes that fitting the base parameters cannot imitate (independent share).", "-"
+        "Share of what it changes that fitting all other parameters cannot imitate (independent share).", "-"
     )
     confidence: float = _field("How probable it is that the effect is there.", "-")
     objection: str = _field("Why it is refused, in words; empty where nothing speaks against it.")

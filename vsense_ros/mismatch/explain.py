@@ -161,10 +161,14 @@ def explain_recordings(
             raise NotAssessableError(reason if mend or not told else f"{reason}; {'; '.join(told)} (--mend does it)")
         found = explainer.explanation(most_telling(dataset, LONGEST_FITTED), most_telling(unseen, LONGEST_FITTED))
     except NotAssessableError as error:
-        found = Explanation(explainer.answer.with_(sentence=f"Nothing can be said: {error}."))
+        found = Explanation(explainer.answer.with_(sentence=_nothing_said(str(error))))
     if observe and found.extended is not None:
         found = _observed(found, recordings, held_out, dataset, vehicle, progress)
     return replace(found, answer=found.answer.with_(cpu_s=time.process_time() - begun))
+
+
+def _nothing_said(reason: str) -> str:
+    return f"Nothing can be said: {reason}."
 
 
 def _observed(
@@ -208,12 +212,25 @@ class _Explainer:
         judged, varying = _with_final_sizes(search, self._judged(search, hypotheses, validation), validation)
         leader = judged.leader
         if strange and (leader is None or misfit(leader.fit, search.residuals)):
-            raise NotAssessableError(strange)
+            return self._refused(strange, search, judged, validation)
         shown = leader.fit if leader is not None else search.base
         said = remarks(judged, Evidence(validation, shown, kinds, beyond, varying))
         self.answer = self.answer.with_(remarks=(*self.answer.remarks, *said))
         self._answered(search, judged, validation, shown)
         return Explanation(self.answer, _traces(search, shown, validation), self._extended(search, judged, shown))
+
+    def _refused(self, reason: str, search: Search, judged: Judged, validation: Validation) -> Explanation:
+        """That nothing can be said, for a reason that the fit of the base parameters shows, with that fit."""
+        residuals, base = search.residuals, search.base
+        nothing = replace(judged, verdict="not_assessable", leader=None, rivals=())
+        self.answer = self.answer.with_(
+            sentence=_nothing_said(reason),
+            located=located(residuals, base, nothing, validation, ()),
+            fit=entries.errors(residuals, base, base, validation),
+            base=entries.base_parameters(base, None),
+            misfit=residuals.level(base.residuals),
+        )
+        return Explanation(self.answer, _traces(search, base, validation))
 
     def _out_of_reach(self, kinds: Collection[str]) -> dict[str, str]:
         """Effects that these kinds of sensors tell nothing of, with the reason."""

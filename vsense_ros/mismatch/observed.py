@@ -296,7 +296,8 @@ def _judged(found: ObserverComparison) -> tuple[bool, str]:
     on = "held-out recordings" if found.held_out else "the fitted recordings, as none was held out"
     gained, by_noise = (one.log_likelihood - was.log_likelihood for one in (extended, retuned))
     rises = gained > COMPARISON.noteworthy
-    by_model = gained - by_noise > COMPARISON.noteworthy or _changed(extended, retuned) < 1 / COMPARISON.worse
+    further_off = _changed(extended, retuned)
+    by_model = further_off < 1 / COMPARISON.worse or (gained - by_noise > COMPARISON.noteworthy and further_off <= 1)
     grown = [
         name.replace("_", " ")
         for name in PROVING

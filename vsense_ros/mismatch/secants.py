@@ -68,6 +68,8 @@ class Secants:
     def _slopes_of_places(self, at: Fit, points: Sequence[FreeParameter], step: float) -> list[list[Array]]:
         """Slopes by a size at each of these places, per deviation, by window: of those that are far from one another at
         once, as a car has soon forgotten where it has been. What happens around a place is what the size there does."""
+        if not points:
+            return []
         groups = [points[first :: EFFORT.places_apart] for first in range(min(EFFORT.places_apart, len(points)))]
         windows, layout = self.residuals.predictor.dataset.windows, self.residuals.layout
         passed = [np.tile(places(window), len(names)) for window, names in zip(windows, layout, strict=True)]

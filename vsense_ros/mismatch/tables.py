@@ -163,7 +163,10 @@ def _together(answer: Answer, effect: EffectEntry) -> str:
     """To which other effects the gains of an effect belong as well."""
     ids = fitted_with(answer, effect.id)
     others = " and ".join(label(id) for id in ids if id != effect.id)
-    return f"gains of {TOGETHER.get(len(ids), 'all')} together, with {others}" if others else ""
+    if not others:
+        return ""
+    without = "" if effect.gain_without is None else f"; without it {percent(effect.gain_without)}"
+    return f"gains of {TOGETHER.get(len(ids), 'all')} together, with {others}{without}"
 
 
 def _standing(answer: Answer, effect: EffectEntry, gains: Mapping[str, float], best: float) -> str:

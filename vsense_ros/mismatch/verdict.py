@@ -82,6 +82,12 @@ class Judged:
             and _as_good(self.proven[e], most, self.thresholds)
         )  # fmt: skip
 
+    def without(self, hypothesis: Hypothesis, effect: str) -> Hypothesis | None:
+        """The best of the other effects of an explanation, fitted without this one; None where that was not done."""
+        rest = set(hypothesis.effects) - {effect}
+        fitted = (e for e in self.hypotheses if rest and set(e.effects) == rest)
+        return max(fitted, key=self.proven.__getitem__, default=None)
+
     def adds(self, hypothesis: Hypothesis) -> float | None:
         """What an explanation gains besides the leader, where the two were fitted together."""
         if self.leader is None or set(hypothesis.effects) <= set(self.leader.effects):
