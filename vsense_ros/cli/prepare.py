@@ -99,27 +99,31 @@ def _number(text: str) -> float | None:
 
 @click.command()
 @click.argument("vehicle", metavar="VEHICLE")
+@click.argument("recordings", nargs=-1, type=EXISTING, metavar="[RECORDING]...")
 @click.option("--json", "as_json", is_flag=True, help="Print the result as JSON.")
 @click.pass_context
-def check(context: click.Context, vehicle: str, as_json: bool) -> None:
-    """Check whether VEHICLE describes a plausible car.
+def check(context: click.Context, vehicle: str, recordings: tuple[Path, ...], as_json: bool) -> None:
+    """Check whether VEHICLE describes a plausible car, and fits recordings.
 
     \b
     Examples:
       vsense check my_car.yaml
-      vsense check my_car.yaml --json
+      vsense check my_car.yaml drive_1 drive_2
 
     Compares weight distribution, inertias, natural frequencies, tyres at their loads, understeer and roll gradient, and
     positions and noise of the sensors with the ranges of real cars. If a figure is outside, the command names the
-    mistake that explains it: wrong units, exchanged distances, or a diameter instead of a radius. The exit code is 0 if
-    nothing looks wrong, and 1 otherwise.
+    mistake that explains it: wrong units, exchanged distances, or a diameter instead of a radius. With RECORDINGS of
+    the car, it also reports what their sensors contradict: units, signs and axes of signals, radii, steering ratio,
+    mounting, latencies. The exit code is 0 if nothing looks wrong, and 1 otherwise.
     """
+    from vsense_ros.api.recording import read_all
     from vsense_ros.evaluate.terminal import say
     from vsense_ros.files.installed import vehicle_path
     from vsense_ros.files.names import printable
     from vsense_ros.prepare.vehicle_check import check_vehicle
 
-    found = check_vehicle(vehicle_path(vehicle))
+    (drives,) = read_all(recordings)
+    found = check_vehicle(vehicle_path(vehicle), drives)
     if as_json:
         click.echo(json.dumps(found.as_dict(), indent=2))
     else:

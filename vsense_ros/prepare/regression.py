@@ -10,6 +10,8 @@ from numpy.typing import NDArray
 
 Array = NDArray[np.float64]
 
+_WEAK = 100.0  # [-] prior deviations that the coefficients of the data alone may be off
+
 
 @dataclass(frozen=True)
 class Posterior:
@@ -40,7 +42,9 @@ def posterior(blocks: Sequence[tuple[Array, Array]], mean: Array, prior: Array) 
     """
     x, y = np.vstack([one for one, _ in blocks]), np.concatenate([one for _, one in blocks])
     before = np.diag(prior**-2.0)
-    at, variance, effect = mean, 1.0, 1.0
+    # A mean that is far off must not count as noise of the data: begin where these alone would have it.
+    weak = np.diag((_WEAK * prior) ** -2.0) * max(float(np.mean(y**2)), 1e-18)
+    at = np.linalg.solve(x.T @ x + weak, x.T @ y + weak @ mean)
     few = len(blocks) / max(len(blocks) - x.shape[1], 0.5)
     for _ in range(4):  # the variance depends on the coefficients, and they hardly on it
         residuals = y - x @ at

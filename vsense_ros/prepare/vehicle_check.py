@@ -1,16 +1,18 @@
-"""The check of a vehicle file: can it be read, and is it a car?"""
+"""The check of a vehicle file: can it be read, is it a car, and does it fit recordings?"""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
 from vsense_ros.errors import InputError
 from vsense_ros.files.vehicle import load_content, load_vehicle
+from vsense_ros.messages.recording import Recording
 from vsense_ros.model.vehicle import Vehicle
 from vsense_ros.prepare.car_check import CarFinding, check_car, check_document, in_words
+from vsense_ros.prepare.recording_check import FitFinding, check_fit
 
 
 @dataclass(frozen=True)
@@ -21,15 +23,17 @@ class VehicleCheck:
     vehicle: Vehicle | None
     findings: Sequence[CarFinding]
     refused: str = ""
+    fit: Sequence[FitFinding] = ()
 
     @property
     def is_good(self) -> bool:
         """True if nothing was found."""
-        return not self.refused and not self.findings
+        return not (self.refused or self.findings or self.fit)
 
     def sentences(self) -> list[str]:
         """What was found, one sentence each."""
-        return [*self.refused.splitlines(), *(in_words(finding) for finding in self.findings)]
+        of_fit = [f"{one.recording}: {one.sentence}" for one in self.fit]
+        return [*self.refused.splitlines(), *(in_words(finding) for finding in self.findings), *of_fit]
 
     def as_dict(self) -> dict[str, Any]:
         """What was found, for JSON."""
@@ -37,17 +41,19 @@ class VehicleCheck:
             "name": self.name,
             "refused": self.refused or None,
             "findings": [_as_dict(finding) for finding in self.findings],
+            "fit": [asdict(finding) for finding in self.fit],
         }
 
 
-def check_vehicle(path: str | Path) -> VehicleCheck:
-    """Check a vehicle file. Raises `InputError` for one that is missing or no YAML."""
+def check_vehicle(path: str | Path, recordings: Sequence[Recording] = ()) -> VehicleCheck:
+    """Check a vehicle file, and whether it fits recordings. Raises `InputError` for one that is missing or no YAML."""
     content = load_content(path)
     try:
         vehicle = load_vehicle(path)
     except InputError as error:
         return VehicleCheck(Path(path).stem, None, check_document(content), str(error))
-    return VehicleCheck(vehicle.name, vehicle, check_car(vehicle))
+    fit = check_fit(vehicle, recordings) if recordings else ()
+    return VehicleCheck(vehicle.name, vehicle, check_car(vehicle), fit=fit)
 
 
 def _as_dict(finding: CarFinding) -> dict[str, Any]:
