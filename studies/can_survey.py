@@ -264,7 +264,7 @@ CARS: Mapping[str, Car] = {
         "volvo_v60_2015_pt.dbc",
         {
             "wheels": _axles("wheelspeed0", "wheelspeed1", "WhlSpd*", "km/h", "LF RF LR RR"),
-            "steering_wheel": ("SAS0.SteeringAngle deg ±AngleSign", "fromWhere.SteeringAngle deg"),
+            "steering_wheel": ("SAS0.SteeringAngle deg ±SteeringDirection", "fromWhere.SteeringAngle deg"),
         },
     ),
 }
