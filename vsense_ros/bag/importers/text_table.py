@@ -31,6 +31,7 @@ from vsense_ros.messages.memory import give_back
 
 _MISSING = ("", "-", "--", "---", "n/a", "N/A", "NA", "#N/A", "nan", "NaN", "NAN", "null", "NULL", "None", "*")
 _LONGEST_LINE = 1 << 20  # [byte]
+_LONGEST_SHOWN = 60  # characters of a cell in an error
 _FOOTER = 20  # lines at the end of a file that may be something else than rows
 _BLOCK = 1 << 20  # [byte] that are parsed at once: larger ones leave more of the memory in pieces
 _DAY = 86_400.0  # [s]
@@ -350,8 +351,9 @@ def _number(lines: _Lines, number: int, index: int, cell: str, missing: set[str]
     try:
         return float(cell.replace(lines.wanted.decimal, "."))
     except ValueError:
+        shown = cell if len(cell) <= _LONGEST_SHOWN else f"{cell[:_LONGEST_SHOWN]}…"
         raise InputError(
-            f"{lines.path}, line {number}, column {lines.header[index]!r}: expected a number, found {cell!r} (cells "
+            f"{lines.path}, line {number}, column {lines.header[index]!r}: expected a number, found {shown!r} (cells "
             "without a value: key missing)"
         ) from None
 
