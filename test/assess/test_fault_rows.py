@@ -154,11 +154,8 @@ def test_the_share_of_named_rows_is_that_of_noticeable_ones() -> None:
 
 # What does not hold yet, by the name of the row, and why.
 OPEN = {
-    "wheel fl NaN, 0.3 s, bend, steady state circle": "one wheel that is absent is not named",
-    "wheel fl NaN, for good, bend, double lane change": "one wheel that is absent is not named",
     "imu drift, for good, straight, accelerate and brake": "six axes that drift at once: 0.68 m/s",
     "gyro x drift, 5 s, standstill, stop and go": "outside of its deviations for 1.2 s, by less than 0.1 m/s",
-    "steering large offset, 1 s, bend, double lane change": "0.71 m/s, and the right gyro is out",
     "wheels stuck with noise, for good, bend, steady state circle": "0.93 m/s, and not named",
     "accelerometer y ×0.5, for good, start, genesis": "outside of its deviations for 9 s, by less than 0.1 m/s",
 }

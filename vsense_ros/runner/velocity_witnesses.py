@@ -47,7 +47,7 @@ class VelocityWitnessSettings:
     )
     longest_wait: float = 3.0  # [s] in which no inertial axis is left out, as one of the witnesses may be wrong
     felt: float = 0.02  # [s] between looks at wheels and inertial sensor
-    sliding: float = 4.0  # [m/s²] horizontal acceleration from which on wheels may slide, until
+    sliding: float = 3.0  # [m/s²] longitudinal acceleration from which on wheels may slide, until
     rolling_again: float = 0.5  # [s] later
     agreed: float = 2.0  # [s] of agreement after which a sensor is believed again; twice as long each time, up
     longest: float = 60.0  # [s] to this
@@ -207,12 +207,11 @@ class VelocityWitnesses:
             self._compare(end)
 
     def _feel(self, event: Event) -> None:
-        """Take in an inertial message: where accelerations are large, wheels may slide, and are not asked."""
+        """Take in an inertial message: where brakes or engine act strongly, wheels may slide, and are not asked."""
         if 0 <= event.stamp - self._felt < SETTINGS.felt * 1e9:
             return
         self._felt = event.stamp
-        *_, along, across, _ = self._into_car(event.value).tolist()
-        if hypot(along, across) > SETTINGS.sliding:
+        if abs(self._into_car(event.value).item(3)) > SETTINGS.sliding:
             self._sliding_until = event.stamp + int(SETTINGS.rolling_again * 1e9)
 
     def _locate(self, event: Event) -> None:
