@@ -158,8 +158,8 @@ def _signed_permutations(count: int) -> list[Array]:
 def _turning_axis(motion: Motion) -> Array | None:
     """The axis of the gyros (3,), with its sign, that the car turns about; None where the others do not show it.
 
-    All axes are compared at one lag, and at none where that will do: of a sine steer roll and pitch rates go along with
-    the turning of the car a quarter of a period earlier or later.
+    All axes are compared at one lag, and at none where another is hardly better: in a sine steer roll and pitch rates
+    go along with the turning of the car a quarter of a period earlier or later. A late sensor is compared at its lag.
     """
     source = motion.first_turning(GNSS, WHEELS, ROAD_WHEEL, STEERING_WHEEL)
     names = [name for name in RATES if name in motion.signals]
@@ -172,7 +172,7 @@ def _turning_axis(motion: Motion) -> Array | None:
         return None
     least = LAGS.least_overlap / step
     curves = np.abs(np.nan_to_num([lag_curve(rate, turning, longest, least).correlation for rate in rates]))
-    together = curves[:, longest].max() >= SETTINGS.correlation
+    together = curves[:, longest].max() >= SETTINGS.clear * curves.max()
     lag = longest if together else int(np.argmax(curves.max(axis=0)))
     best = int(np.argmax(curves[:, lag]))
     correlation = signed_correlation(rates[best], turning, step)
