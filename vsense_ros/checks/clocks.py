@@ -194,10 +194,15 @@ def apart(subject: Subject, _: Sequence[Finding]) -> Iterator[Finding]:
         reason = Reason.CLOCK_LATER if away > 0 else Reason.CLOCK_EARLIER
         yield Finding(topic, Kind.CLOCK, reason, evidence={"apart": abs(away)})
         del together[topic]
-    for topic, (begin, end) in together.items():
+    yield from _cut(together, subject)
+
+
+def _cut(spans: Mapping[str, Span], subject: Subject) -> Iterator[Finding]:
+    """Topics that end earlier, or begin later, than half of the others do."""
+    for topic, (begin, end) in spans.items():
         period = (end - begin) / max(len(subject.recording.channels[topic]) - 1, 1)
         slack = max(SETTINGS.slack * 1e9, SETTINGS.slack_periods * period)
-        others = [span for other, span in together.items() if other != topic]
+        others = [span for other, span in spans.items() if other != topic]
         for reason, beside in (
             (Reason.ENDS_EARLY, [last - end for _, last in others]),
             (Reason.BEGINS_LATE, [begin - first for first, _ in others]),

@@ -166,29 +166,36 @@ def axes_in_plane(subject: Subject, earlier: Sequence[Finding]) -> Iterator[Find
     in_g = s.in_g[0] < scale < s.in_g[1]
     if in_g:
         measured = measured * GRAVITY
-    left = []
-    for *_, matrix in _PLANE:
-        error = measured - np.array(matrix) @ expected
-        # The attitude and offsets of the sensor stay in the means.
-        error = error - np.clip(np.median(error, axis=1, keepdims=True), -s.offset, s.offset)
-        left.append(float(np.mean(np.abs(error))))
-    best = int(np.argmin(left))
-    evidence = {"error": left[best], "error_as_it_is": left[0], "ratio": scale}
-    if best == 0 or left[best] > s.better * left[0]:
-        if in_g and left[0] < s.g_better * float(np.mean(np.abs(expected))):
+    errors = [_mean_error(measured, np.array(matrix) @ expected) for *_, matrix in _PLANE]
+    best = int(np.argmin(errors))
+    evidence = {"error": errors[best], "error_as_it_is": errors[0], "ratio": scale}
+    if best == 0 or errors[best] > s.better * errors[0]:
+        if in_g and errors[0] < s.g_better * float(np.mean(np.abs(expected))):
             yield Finding(topic, Kind.UNIT, Reason.FORCES_TENTH, "linear_acceleration", evidence=evidence)
         return
     # Where the car was driven along one axis only, several explain it alike: then the one with the fewest changes.
     one_axis = bool(power.min() < s.one_axis**2)
-    alike = (i for i in range(1, len(_PLANE)) if left[i] < s.alike * left[best] + s.alike_apart)
-    single = [i for i in alike if _PLANE[i][0] in _SINGLE]
-    reason, kind, _ = _PLANE[single[0] if single and one_axis else best]
+    reason, kind, _ = _PLANE[_fewest_changes(errors, best) if one_axis else best]
     assert reason is not None
     undecided = reason in _SINGLE and one_axis
     yield Finding(
         topic, kind, reason, _SINGLE.get(reason, "linear_acceleration"),
         confidence=Confidence.UNDECIDED if undecided else Confidence.LIKELY, evidence=evidence,
     )  # fmt: skip
+
+
+def _mean_error(measured: Array, expected: Array) -> float:
+    """Mean absolute error [m/s²] of accelerations (2, n) but for an offset by the attitude and bias of the sensor."""
+    error = measured - expected
+    offset = np.clip(np.median(error, axis=1, keepdims=True), -SETTINGS.offset, SETTINGS.offset)
+    return float(np.mean(np.abs(error - offset)))
+
+
+def _fewest_changes(errors: Sequence[float], best: int) -> int:
+    """The first exchange of axes in `_PLANE` that reverses a single one and explains nearly as much as the best."""
+    limit = SETTINGS.alike * errors[best] + SETTINGS.alike_apart
+    alike = (i for i in range(1, len(_PLANE)) if errors[i] < limit)
+    return next((i for i in alike if _PLANE[i][0] in _SINGLE), best)
 
 
 def _accelerations(motion: Motion, earlier: Sequence[Finding], subject: Subject) -> tuple[Array, Array] | None:

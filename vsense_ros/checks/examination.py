@@ -88,17 +88,18 @@ def _consistent(found: Sequence[Finding], subject: Subject) -> Iterator[Finding]
     frozen = {f.topic for f in found if f.kind is Kind.FROZEN and f.topic in gnss}
     turned = any(f.topic in gnss and f.kind in _OF_A_FRAME and f.reason not in _OF_A_RANGE for f in found)
     repeats = bool(other_clock) or any(f.kind is Kind.HELD for f in found)
-    for finding in found:
+
+    def follows(finding: Finding) -> bool:
         by_gnss = finding.against in gnss and finding.kind in (Kind.UNIT, Kind.SIGN, Kind.JUMP)
-        if finding.kind is Kind.LAG and (repeats or frozen):
-            continue
-        if frozen and finding.kind in (Kind.FRAME, Kind.JUMP) and finding.reason not in _OF_A_SIGNAL:
-            continue
-        if turned and finding.reason is Reason.POSITION_JUMPS:
-            continue
-        if by_gnss and other_clock & {*gnss, finding.topic}:
-            continue
-        yield finding
+        by_frozen = finding.kind in (Kind.FRAME, Kind.JUMP) and finding.reason not in _OF_A_SIGNAL
+        return (
+            (finding.kind is Kind.LAG and (repeats or bool(frozen)))
+            or (bool(frozen) and by_frozen)
+            or (turned and finding.reason is Reason.POSITION_JUMPS)
+            or (by_gnss and bool(other_clock & {*gnss, finding.topic}))
+        )
+
+    return (finding for finding in found if not follows(finding))
 
 
 def without_repetitions(found: Iterable[Finding]) -> list[Finding]:

@@ -83,9 +83,8 @@ class Cascade(Filter):
         memory: Array | None = None,
     ) -> None:
         self._check(filters, inputs, measurements)
-        passed = {(one.target, name) for one in inputs for name in (*one.names, *one.variances)}
-        wanted = [(key, name) for key, one in filters.items() for name in _system(one).inputs]
-        self.input_names = tuple(dict.fromkeys(name for key, name in wanted if (key, name) not in passed))
+        from_outside = _inputs_from_outside(filters, inputs)
+        self.input_names = tuple(dict.fromkeys(name for taken in from_outside.values() for _, name in taken))
         lengths = [len(self.input_names), *(len(one.memory) for one in filters.values())]
         self.memory = np.zeros(sum(lengths)) if memory is None else memory
         self.inputs, *parts = np.split(self.memory, np.cumsum(lengths[:-1]).tolist())
@@ -93,18 +92,11 @@ class Cascade(Filter):
             key: one.at(part) for (key, one), part in zip(filters.items(), parts, strict=True)
         }
         self.names = tuple(f"{key}.{name}" for key, one in filters.items() for name in one.names)
-        outside = [
-            (name, key) for key, one in filters.items() for name in one.sensors if not _is_fed(key, name, measurements)
-        ]
+        outside = _sensors_from_outside(filters, measurements)
         passed_on = [one.sensor.name for one in measurements]
         self.sensors = tuple(dict.fromkeys([*(name for name, _ in outside), *passed_on]))
         self.taken = {
-            key: [
-                (i, self.input_names.index(name))
-                for i, name in enumerate(_system(one).inputs)
-                if (key, name) not in passed
-            ]
-            for key, one in filters.items()
+            key: [(i, self.input_names.index(name)) for i, name in taken] for key, taken in from_outside.items()
         }
         self.passed_inputs = tuple(InputLink(one, self) for one in inputs)
         self.passed_measurements = tuple(MeasurementLink(one, self) for one in measurements)
@@ -208,6 +200,24 @@ def _system(filter: Any) -> StateSpace:
     """The state space of an `Ekf` of a `Dense`, or of a `Ukf`."""
     system = filter.system
     return system if isinstance(system, StateSpace) else system.system
+
+
+def _sensors_from_outside(
+    filters: Mapping[str, Part], measurements: tuple[PassedMeasurement, ...]
+) -> list[tuple[str, str]]:
+    """Sensors that no link feeds, each with the filter that it corrects."""
+    return [(name, key) for key, one in filters.items() for name in one.sensors if not _is_fed(key, name, measurements)]
+
+
+def _inputs_from_outside(
+    filters: Mapping[str, Part], inputs: tuple[PassedInput, ...]
+) -> dict[str, list[tuple[int, str]]]:
+    """Inputs that no link fills, by filter: the place of each, and its name."""
+    passed = {(one.target, name) for one in inputs for name in (*one.names, *one.variances)}
+    return {
+        key: [(i, name) for i, name in enumerate(_system(one).inputs) if (key, name) not in passed]
+        for key, one in filters.items()
+    }
 
 
 def _is_fed(key: str, sensor: str, links: Any) -> bool:

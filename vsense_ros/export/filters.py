@@ -7,7 +7,7 @@ Python, element by element.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -86,38 +86,45 @@ class _Contents:
         used = {key: use for key, use in self.filter.use.items() if self.filter.uses(key)}
         memories = {memory: self._memory(memory) for use in used.values() for memory in use.remembered}
         sensors = [self._sensor(key, use, [memories[one] for one in use.remembered]) for key, use in used.items()]
-        corrected = {one["name"] for sensor in sensors for one in (*sensor["measurements"], *sensor["conditions"])}
-        measurements = [
-            self._measurement(one.name, len(one.deviations))
-            for one in self.definition.measurements
-            if one.name in corrected
-        ]
+        measurements = self._measurements(sensors)
         passes = [self._pass(key) for key in self.definition.parts] if self.cascade else []
-        names = [part["name"] for part in parts]
+        links = [link for one in passes for link in one["links"]]
+        return self._constants() | {
+            "sources": [f"{self.name}.c", *(part["file"] for part in parts)],
+            "parts": parts,
+            "at": {part["name"]: f"&filter->{part['name']}" if self.cascade else "filter" for part in parts},
+            "passes": passes,
+            "measurements": measurements,
+            "memories": list(memories.values()),
+            "sensors": sensors,
+            "spreads": any(link["variances"] for link in links) or any(one["links"] for one in measurements),
+            "judges": any(sensor["measurements"] for sensor in sensors),
+            "functions": "\n".join(self.functions),
+        }
+
+    def _measurements(self, sensors: Sequence[Mapping[str, Any]]) -> list[dict[str, Any]]:
+        """The measurements by which any of these sensors corrects the filter, or that are conditions of one."""
+        used = {one["name"] for sensor in sensors for one in (*sensor["measurements"], *sensor["conditions"])}
+        return [
+            self._measurement(one.name, len(one.deviations)) for one in self.definition.measurements if one.name in used
+        ]
+
+    def _constants(self) -> dict[str, Any]:
+        """Names and numbers of the filter as a whole."""
+        inputs = self.filter.input_names
         return {
             "name": self.name,
             "title": FILTERS[self.name].title,
             "vehicle": harmless(self.vehicle.name),
             "kind": "cascade" if self.cascade else "bank" if self.is_bank else "single",
-            "sources": [f"{self.name}.c", *(part["file"] for part in parts)],
-            "parts": parts,
-            "at": {name: f"&filter->{name}" if self.cascade else "filter" for name in names},
-            "inputs": self.filter.input_names,
+            "inputs": inputs,
             "since_fix": self.filter.since_fix,
             "never": number(NEVER),
-            "speed_place": self.filter.input_names.index(SPEED) if SPEED in self.filter.input_names else 0,
+            "speed_place": inputs.index(SPEED) if SPEED in inputs else 0,
             "hypotheses": HYPOTHESES,
             "yaw": next(iter(self.definition.parts.values()))[0].names.index("yaw") if self.is_bank else 0,
-            "passes": passes,
-            "measurements": measurements,
-            "memories": list(memories.values()),
-            "sensors": sensors,
-            "spreads": any(link["variances"] for one in passes for link in one["links"])
-            or any(one["links"] for one in measurements),
-            "judges": any(sensor["measurements"] for sensor in sensors),
             "slowest_course": number(SLOWEST_COURSE),
             "spin_slip": number(SPIN_SLIP),
-            "functions": "\n".join(self.functions),
         }
 
     def _part(self, key: str, system: NavigationSpace, measurements: tuple[Measurement, ...]) -> dict[str, Any]:

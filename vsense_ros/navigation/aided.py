@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from math import isfinite, nan
 from typing import Any, NamedTuple
 
@@ -85,10 +85,8 @@ class Aided(Filter):
         self.inputs, self.names, self.sensors = self.filter.inputs, self.filter.names, tuple(sensors)
         self._of_axes: OfAxes | None = None  # made when it is needed
         names_of_parts = [system.inputs for system, _ in definition.parts.values()]
-        self._noise = [
-            np.array([numbers.get(NOISE_OF_INPUTS.get(n, ""), 0.0) ** 2 for n in names]) for names in names_of_parts
-        ]
-        self._reckoned = [[(i, AXES.index(n)) for i, n in enumerate(ns) if n in AXES] for ns in names_of_parts]
+        self._noise = [_variances(names, numbers) for names in names_of_parts]
+        self._reckoned = [_inertial_inputs(names) for names in names_of_parts]
         self._takes = {key: self.reckoning.takes(one) if self.reckoning else None for key, one in sensors.items()}
         self._check(sensors)
         self.since_fix = self.input_names.index(SINCE_FIX) if SINCE_FIX in self.input_names else None
@@ -429,6 +427,16 @@ class Memory:
 def _places(make: Callable[[Array, Array], tuple[Array, Array]]) -> list[int]:
     """Components of a reading that a measurement consists of."""
     return make.places if isinstance(make, Components) else []
+
+
+def _variances(names: Sequence[str], numbers: Mapping[str, float]) -> Array:
+    """Variances (n,) of the noise of inputs, 0 for those of which the car has no number."""
+    return np.array([numbers.get(NOISE_OF_INPUTS.get(name, ""), 0.0) ** 2 for name in names])
+
+
+def _inertial_inputs(names: Sequence[str]) -> list[tuple[int, int]]:
+    """The place of each input that is an axis of an inertial sensor, and the number of the axis."""
+    return [(i, AXES.index(name)) for i, name in enumerate(names) if name in AXES]
 
 
 def usable(sensors: Mapping[str, SensorBase]) -> dict[str, SensorBase]:

@@ -205,26 +205,9 @@ class Replay(SensingNode[ReplayParameters]):
                 if self._ended:
                     return
                 if self._seek is not None:
-                    target = max(self._seek, first)
-                    self._position = int(np.searchsorted(self._times, target))
-                    self._seek = None
-                    self._now = tick = target
-                    self._progress.clear()
-                    self._moved = True
-                    self._finished = False
+                    tick = self._go_to(max(self._seek, first))
             if self._position == total:
-                if self.parameters.loop:
-                    self._seek = first
-                    continue
-                if not self._finished:
-                    self._drain()
-                    self._finished = True
-                    self.get_logger().info("finished: everything is sent")
-                    if self.parameters.exit_at_end and self.finish is not None:
-                        self.finish()
-                with self._condition:
-                    if not self._ended and self._seek is None:
-                        self._condition.wait(0.5)
+                self._at_end(first)
                 continue
             due = int(self._times[self._position])
             rate = self.parameters.rate
@@ -238,15 +221,44 @@ class Replay(SensingNode[ReplayParameters]):
                 continue
             if self._single or self._wait_until(due):
                 self._single = max(self._single - 1, 0)
-                source, item = self._items[self._position]
-                name, send = self._senders[source]
-                not_taken = send(item)
-                if not_taken:
-                    self._not_taken[name] = self._not_taken.get(name, 0) + not_taken
-                self._position += 1
+                self._send_next()
                 if self._position * 100 // total != told:
                     told = self._position * 100 // total
                     self.get_logger().info(f"{told} %")
+
+    def _go_to(self, moment: int) -> int:
+        """Go on from a time of the recording [ns], which is returned. The caller holds the condition."""
+        self._position = int(np.searchsorted(self._times, moment))
+        self._seek = None
+        self._now = moment
+        self._progress.clear()
+        self._moved = True
+        self._finished = False
+        return moment
+
+    def _at_end(self, first: int) -> None:
+        """Begin again at the time `first` [ns] if asked to; else say once that all is sent, and wait for a seek."""
+        if self.parameters.loop:
+            self._seek = first
+            return
+        if not self._finished:
+            self._drain()
+            self._finished = True
+            self.get_logger().info("finished: everything is sent")
+            if self.parameters.exit_at_end and self.finish is not None:
+                self.finish()
+        with self._condition:
+            if not self._ended and self._seek is None:
+                self._condition.wait(0.5)
+
+    def _send_next(self) -> None:
+        """Send the message at the present position, and count for whom it was not taken."""
+        source, item = self._items[self._position]
+        name, send = self._senders[source]
+        not_taken = send(item)
+        if not_taken:
+            self._not_taken[name] = self._not_taken.get(name, 0) + not_taken
+        self._position += 1
 
     def _wait_until(self, moment: int) -> bool:
         """Wait for a time of the recording [ns]; False if something else has to be done first."""

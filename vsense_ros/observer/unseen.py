@@ -19,16 +19,16 @@ They are added to what is published alone: the filter itself, and with it every 
 from __future__ import annotations
 
 from collections.abc import Iterable
-from typing import TYPE_CHECKING
+from typing import Protocol
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from vsense_ros.model.schema.observer_settings import UnseenErrors
 from vsense_ros.model.sensors import SensorBase
 
-if TYPE_CHECKING:
-    from vsense_ros.observer.estimate import Estimate
+Array = NDArray[np.float64]
 
 _ROLL, _YAW = 3, 5  # of position and attitude
 _LATERAL, _YAW_RATE = 1, 5  # of velocity and rates
@@ -36,7 +36,35 @@ _PLACE = [0, 1]  # of position and attitude
 _TWIST_SIZE = 6
 
 
-def add_unseen(estimate: Estimate, unseen: UnseenErrors, receiver_noise: float) -> None:
+class Motion(Protocol):
+    """The motion of a car at one moment, with its covariances, as an estimate has it."""
+
+    @property
+    def pose_covariance(self) -> Array:
+        """Covariance (6, 6) of position [m] and attitude [rad]."""
+
+    @property
+    def twist_covariance(self) -> Array:
+        """Covariance (6, 6) of velocity [m/s] and rates [rad/s]."""
+
+    @property
+    def velocity(self) -> Array:
+        """Velocity (3,) in the axes of the car [m/s]."""
+
+    @property
+    def rates(self) -> Array:
+        """Rates (3,) about the axes of the car [rad/s]."""
+
+    @property
+    def udot(self) -> Array:
+        """Derivatives (14,) of the generalized velocities."""
+
+    @property
+    def orientation(self) -> Array:
+        """Attitude on the map as a quaternion (4,), x, y, z, w."""
+
+
+def add_unseen(estimate: Motion, unseen: UnseenErrors, receiver_noise: float) -> None:
     """Add to `pose_covariance` and `twist_covariance` (6, 6) of one estimate what innovations do not show.
 
     `receiver_noise` is the standard deviation of the best GNSS position that the vehicle file has [m], 0 for none.

@@ -84,13 +84,7 @@ def read(path: Path) -> Recording:
         longitude = -longitude
         notes.append("gps/fix: longitude counts positive to the west in this file; turned")
     here = (float(latitude[0]), float(longitude[0]))
-    position_covariance, velocity_covariance = None, None
-    quality = next((g for g in file.groups.values() if "POSCov_xx" in g.names and g.positions), None)
-    if quality is not None and len(quality.positions) == len(main.positions):
-        extra, extra_seconds = _samples(data, quality, file)
-        if np.array_equal(extra_seconds, seconds):
-            position_covariance = _enu_covariance(extra, "POSCov", here)
-            velocity_covariance = _enu_covariance(extra, "VELCov", here)
+    position_covariance, velocity_covariance = _covariances(data, file, seconds, here)
     channels = {
         "gps/fix": build.fix(
             stamp,
@@ -111,6 +105,19 @@ def read(path: Path) -> Recording:
         if name in ("SerialNumber", "GNSS Version", "KF Version")
     }
     return Recording(channels, path.stem, tuple(notes), 0, metadata)
+
+
+def _covariances(
+    data: bytes, file: _File, seconds: Array, here: tuple[float, float]
+) -> tuple[Array | None, Array | None]:
+    """Covariances (n, 3, 3) in ENU axes of position [m²] and velocity [m²/s²] at given times, if the file has them."""
+    quality = next((g for g in file.groups.values() if "POSCov_xx" in g.names and g.positions), None)
+    if quality is None or len(quality.positions) != len(seconds):
+        return None, None
+    values, at = _samples(data, quality, file)
+    if not np.array_equal(at, seconds):
+        return None, None
+    return _enu_covariance(values, "POSCov", here), _enu_covariance(values, "VELCov", here)
 
 
 def _samples(data: bytes, group: _Group, file: _File) -> tuple[dict[str, Array], Array]:
