@@ -16,7 +16,7 @@ export OMP_NUM_THREADS ?= 1
 export OPENBLAS_NUM_THREADS ?= 1
 
 .DEFAULT_GOAL := help
-.PHONY: help venv check test exam lint docs format house demo bench best thesis genesis road truth leung blind recordings bags \
+.PHONY: own-car help venv check test exam lint docs format house demo bench best thesis genesis road truth leung blind recordings bags \
 	hw-tools hw hw-timing arm accelerator vehicle fuzz release clean
 
 help: ## this list
@@ -66,6 +66,9 @@ bench: venv ## benchmarks to out/bench.json and BENCHMARKS.md
 
 genesis: venv ## the observer on the third Genesis lap, with parameters from the two others, to out/genesis.json
 	$(VENV)/bin/python -m studies genesis
+
+own-car: venv ## a newcomer's way with cars that are not ours, to out/own_car.json
+	$(VENV)/bin/python -m studies own-car
 
 # LEUNG=--quick takes one seed and four of ten manoeuvres.
 leung: venv ## the tables of Leung 2010 on GNSS/INS filters and models, beside his figures, to out/leung.json

@@ -406,3 +406,29 @@ def can_survey(databases: Path, out: Path) -> None:
 
     job.run(databases, out)
     say(f"Written to {out}.")
+
+
+@main.command("own-car")
+@click.option("--out", type=NEW_FILE, default=Path("out/own_car.json"), show_default=True, help="File.")
+@click.option("--car", "only", multiple=True, metavar="NAME", help="Genesis, RAV4, hatchback, saloon; default: all.")
+def own_car(out: Path, only: tuple[str, ...]) -> None:
+    """A newcomer's way with cars that are not ours: catalogue values, check, calibration, estimate on a held-out drive.
+
+    \b
+    Examples:
+      python -m studies own-car
+      python -m studies own-car --car Genesis
+    """
+    from studies import own_car as job
+    from vsense_ros.evaluate.terminal import console, plain_table, say
+
+    outcomes = {}
+    table = plain_table("car", "", "side slip [°]", "within 2σ", "yaw rate [°/s]", "Fz [%]", "minutes")
+    for car in job.cars(only):
+        outcomes[car.name] = one = job.newcomer(car)
+        for words, row in (("catalogue", one.before), ("calibrated", one.after)):
+            cells = ["–" if value is None else f"{value:.3g}" for value in row.values()]
+            table.add_row(car.name, words, *cells, f"{one.minutes:.1f}")
+        job.write(outcomes, out)
+    console().print(table)
+    say(f"Written to {out}.")
