@@ -11,7 +11,8 @@ from pydantic.fields import FieldInfo
 
 from vsense_ros.bag.importers import mapping as columns
 from vsense_ros.bag.importers import topic_mapping
-from vsense_ros.driver import can_mapping
+from vsense_ros.driver import can_mapped_signal, can_mapping
+from vsense_ros.driver.can_motion import MOTION_OUTPUTS
 from vsense_ros.messages import units
 
 INTRODUCTION = """# Mappings
@@ -56,9 +57,10 @@ def page() -> str:
         *_keys("`checksum`", can_mapping.ChecksumCheck),
         *_keys("An output of `kind: joint_state`", can_mapping.JointStateOutput),
         *_keys("An output of `kind: imu`", can_mapping.ImuOutput),
-        *_keys("A signal", can_mapping.Signal),
-        *_keys("`sign`", can_mapping.SignBit),
-        *_keys("`valid`", can_mapping.Valid),
+        *(line for output in MOTION_OUTPUTS for line in _keys(f"An output of `kind: {output.kinds()[0]}`", output)),
+        *_keys("A signal", can_mapped_signal.Signal),
+        *_keys("`sign`", can_mapped_signal.SignBit),
+        *_keys("`valid`", can_mapped_signal.Valid),
         "[`config/can/toyota_rav4_2017.yaml`](../../config/can/toyota_rav4_2017.yaml) is one with its reasons.\n",
         "## Units\n",
         "Spellings such as `kph`, `deg/sec` or `Grad/s` are understood, too.\n",

@@ -6,13 +6,21 @@ import math
 import struct
 from pathlib import Path
 
+import can
 import numpy as np
+import pytest
+from cantools.database import Database, Message, Signal
+from cantools.database.conversion import LinearConversion
 
 from recordings.cases import NOON, SECOND, decoder, frame, nmea, pvt
 from vsense_ros.bag import write_bag
 from vsense_ros.bag.importers import build, import_recording
 from vsense_ros.checks.inspect import inspect
+from vsense_ros.driver.can import CanDecoder
+from vsense_ros.driver.can_database import read_database
+from vsense_ros.driver.can_mapping import CanMapping
 from vsense_ros.driver.ubx import fletcher
+from vsense_ros.errors import InputError
 from vsense_ros.messages.recording import Recording
 
 HEAD = 'VERSION ""\nNS_ :\nBS_:\nBU_: X\n'
@@ -111,10 +119,97 @@ def clock_wraps_or_is_set(folder: Path) -> None:
     assert any("the clock was set" in note for note in found.notes)
 
 
+def two_databases_two_buses(folder: Path) -> None:
+    wheel = 'SG_ A : 0|16@1+ (0.01,0) [0|0] "m/s" X\n'
+    (folder / "a.dbc").write_text(HEAD + f"BO_ 100 SPIN: 8 X\n {wheel}BO_ 101 ALSO: 8 X\n {wheel}")
+    (folder / "b.dbc").write_text(HEAD + 'BO_ 100 HAND: 8 X\n SG_ A : 0|16@1- (0.1,0) [0|0] "deg" X\n')
+    (folder / "a.yaml").write_text(
+        "name: a\noutputs:\n  - {kind: speed, message: SPIN, speed: {signals: A, unit: m/s}}\n"
+        "  - {kind: body_velocity, message: ALSO, speed: {signals: A, unit: m/s}}\n"
+    )
+    (folder / "b.yaml").write_text(
+        "name: b\noutputs:\n  - {kind: joint_state, topic: vehicle/steering, message: HAND, field: position, "
+        "joints: {steering_wheel: {signals: A, unit: deg}}}\n"
+    )
+    with can.Logger(folder / "two.log") as logger:
+        for i in range(20):
+            for channel, identifier, value in (("can0", 100, 1000), ("can0", 101, 1000), ("can1", 100, -450)):
+                data = struct.pack("<h6x", value)
+                logger(can.Message(NOON + i / 50, identifier, is_extended_id=False, data=data, channel=channel))
+    mappings = [folder / "a.yaml", folder / "b.yaml"]
+    for dbc in (["a.dbc", "b.dbc"], ["can0=a.dbc", "can1=b.dbc"]):
+        files = [f"{bus}{'=' if bus else ''}{folder / name}" for bus, _, name in (d.rpartition("=") for d in dbc)]
+        found = import_recording(folder / "two.log", dbc=files, mapping=mappings)
+        np.testing.assert_allclose(found["vehicle/speed"].columns["linear"][:, 0], 10.0)
+        np.testing.assert_allclose(np.degrees(found["vehicle/steering"].columns["position"]), -45.0)
+
+
+def vbo_of_racebox(folder: Path) -> None:
+    (folder / "lap.vbo").write_text(
+        "File created on 01/05/2024 @ 12:00\n\n[header]\nsatellites\ntime\nlatitude\nlongitude\n\n[column names]\n"
+        "sats time lat lng velocity heading height\n\n[data]\n"
+        + "".join(f"012 1200{i / 10:05.2f} +2880.00000 -660.00000 36.0 90.0 500.0\n" for i in range(20))
+    )
+    found = import_recording(folder / "lap.vbo")
+    np.testing.assert_allclose(found["gps/fix"].columns["longitude"], 11.0)
+    np.testing.assert_allclose(found["gps/velocity"].columns["linear"][:, 0], 10.0)
+
+
+def container_pdu(folder: Path) -> None:
+    rate = Signal("YAW", 0, 16, is_signed=True, conversion=LinearConversion(0.001, 0, False), unit="rad/s")
+    inside = Message(1, "TURN", 2, [rate], header_id=0x0A0B0C)
+    box = Message(102, "BOX", 64, [], contained_messages=[inside], is_fd=True)
+    output = imu_output("TURN", angular_velocity_z="YAW")
+    subject = CanDecoder(Database([box]), CanMapping.model_validate({"name": "car", "outputs": [output]}))
+    data = bytes.fromhex("777777 01 05 0a0b0c 02") + struct.pack("<h", 700)
+    (sample,) = subject.feed(frame(0, 102, data.ljust(64, b"\0"), is_fd=True))
+    assert abs(sample.values["angular_velocity"][2] - 0.7) < 1e-12
+
+
+def speed_and_gnss_on_can(folder: Path) -> None:
+    dbc = HEAD + (
+        'BO_ 110 SPD: 8 X\n SG_ V : 0|16@1+ (0.01,0) [0|300] "km/h" X\n'
+        'BO_ 111 NAV: 8 X\n SG_ COG : 0|16@1+ (0.01,0) [0|360] "deg" X\n SG_ SOG : 16|16@1+ (0.01,0) [0|300] "km/h" X\n'
+    )
+    over_ground = {"speed": {"signals": "SOG", "unit": "km/h"}, "course": {"signals": "COG", "unit": "deg"}}
+    outputs = (
+        {"kind": "speed", "message": "SPD", "speed": {"signals": "V", "unit": "km/h"}},
+        {"kind": "gnss_velocity", "topic": "gps/velocity", "message": "NAV", **over_ground},
+    )
+    subject = decoder(folder, *outputs, dbc=dbc)
+    (speed,) = subject.feed(frame(0, 110, struct.pack("<H6x", 7200)))
+    (velocity,) = subject.feed(frame(1, 111, struct.pack("<HH4x", 9000, 3600)))
+    np.testing.assert_allclose(speed.values["linear"][0], 20.0)
+    np.testing.assert_allclose(velocity.values["linear"], [10.0, 0.0, 0.0], atol=1e-12)
+
+
+def hostile_input(folder: Path) -> None:
+    (folder / "bomb.dbc").write_text(
+        HEAD + 'BO_ 5 GOOD: 8 X\n SG_ A : 0|8@1+ (1,0) [0|1] "" X\n SG_ B : -2147483649|8@1+ (1,0) [0|1] "" X\n'
+    )
+    read = read_database(folder / "bomb.dbc")
+    assert [s.name for s in read.database.get_message_by_name("GOOD").signals] == ["A"]
+    import h5py
+
+    (folder / "secret").write_bytes(np.arange(64, dtype=float).tobytes())
+    with h5py.File(folder / "outside.mat", "w") as file:
+        file["t"] = np.arange(64, dtype=float)
+        file.create_dataset("x", (64,), "f8", external=[(str(folder / "secret"), 0, 512)])
+    rate = {"column": "x", "unit": "rad/s"}
+    mapping = {"time": {"column": "t"}, "topics": {"imu/data": {"angular_velocity": [None, None, rate]}}}
+    with pytest.raises(InputError, match="'x' is in another file, which is not read"):
+        import_recording(folder / "outside.mat", mapping=mapping)
+
+
 FURTHER_CASES = {
     "21_ubx_among_nmea": ubx_among_nmea,
     "22_clock_wraps_or_is_set": clock_wraps_or_is_set,
     "24_sign_in_a_bit_of_its_own": sign_in_a_bit_of_its_own,
     "25_quality_flag": quality_flag,
     "26_one_signal_drops_the_frame": one_signal_drops_the_frame,
+    "27_two_databases_two_buses": two_databases_two_buses,
+    "28_vbo_of_racebox": vbo_of_racebox,
+    "30_container_pdu": container_pdu,
+    "32_speed_and_gnss_on_can": speed_and_gnss_on_can,
+    "33_hostile_input": hostile_input,
 }

@@ -23,7 +23,13 @@ from vsense_ros.files.names import printable
     help="Mapping of columns or signals to topics (text tables, measurement files, CAN). With several sources, one "
     "for each that needs it, in their order; default: the YAML file beside the source.",
 )
-@click.option("--dbc", type=EXISTING, help="Database of a CAN log.")
+@click.option(
+    "--dbc",
+    "databases",
+    multiple=True,
+    metavar="[BUS=]FILE",
+    help="Database of a CAN log. Of a log of several buses one for each (can0=car.dbc), with a mapping for each.",
+)
 @click.option(
     "--option", "options", multiple=True, metavar="KEY=VALUE", callback=key_value_pairs, help="Passed to the importer."
 )
@@ -33,7 +39,7 @@ def import_(
     sources: tuple[Path, ...],
     out: Path,
     mappings: tuple[Path, ...],
-    dbc: Path | None,
+    databases: tuple[str, ...],
     options: dict[str, Any],
     overwrite: bool,
     proposed: bool,
@@ -70,11 +76,13 @@ def import_(
     recordings = []
     for source in sources:
         own = dict(options)
-        with_dbc = {} if dbc is None else {"dbc": dbc}
+        with_dbc: dict[str, Any] = {"dbc": databases} if databases else {}
         importer = find_importer(source, {*own, *with_dbc})
         own |= with_dbc if "dbc" in importer.options or len(sources) == 1 else {}
         if given and ("mapping" in importer.options or len(sources) == 1):
-            own["mapping"] = given.pop(0)
+            count = len(databases) if "dbc" in own and len(given) >= len(databases) > 1 else 1
+            own["mapping"] = tuple(given[:count]) if count > 1 else given[0]
+            del given[:count]
         with waiting(f"importing {source.name}"):
             recordings.append(import_recording(source, **own))
     if given:
@@ -104,9 +112,15 @@ def _propose(sources: tuple[Path, ...], dbc: Path | None) -> None:
 
 @click.command()
 @click.argument("bag", type=EXISTING)
-@click.option("--mapping", type=EXISTING, help="Mapping of columns or signals; default: the YAML file beside BAG.")
-@click.option("--dbc", type=EXISTING, help="Database of a CAN log.")
-def info(bag: Path, mapping: Path | None, dbc: Path | None) -> None:
+@click.option(
+    "--mapping",
+    "mappings",
+    multiple=True,
+    type=EXISTING,
+    help="Mapping of columns or signals; default: the YAML file beside BAG.",
+)
+@click.option("--dbc", "databases", multiple=True, metavar="[BUS=]FILE", help="Database of a CAN log, of each bus.")
+def info(bag: Path, mappings: tuple[Path, ...], databases: tuple[str, ...]) -> None:
     """List the signals of BAG and what looks wrong in them.
 
     \b
@@ -121,7 +135,9 @@ def info(bag: Path, mapping: Path | None, dbc: Path | None) -> None:
     from vsense_ros.api.recording import info as examined
     from vsense_ros.evaluate.terminal import console, show_inspection, waiting
 
-    options = {name: value for name, value in (("mapping", mapping), ("dbc", dbc)) if value is not None}
+    options: dict[str, Any] = {"dbc": databases} if databases else {}
+    if mappings:
+        options["mapping"] = mappings if len(mappings) > 1 else mappings[0]
     with waiting(f"reading {bag.name}"):
         found = examined(bag, **options)
     show_inspection(found.inspection, console())

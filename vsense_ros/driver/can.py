@@ -10,6 +10,7 @@ import can
 from cantools.database import Database, Message
 
 from vsense_ros.checks.watch import PlausibilityWatch
+from vsense_ros.driver.can_container import Container
 from vsense_ros.driver.can_database import CanDatabase, read_database
 from vsense_ros.driver.can_mapping import CanMapping, MessageCheck, load_mapping, suggestion
 from vsense_ros.driver.can_receiver import Receiver
@@ -49,10 +50,11 @@ class CanDecoder:
         self.channel = channel
         self._receivers: dict[tuple[int, bool], Receiver] = {}
         self._by_pgn: dict[int, Receiver] = {}
+        self._containers: dict[tuple[int, bool], Container] = {}
         notes = list(read.notes)
         for name in dict.fromkeys(output.message for output in self.mapping.outputs):
-            message = self._message(name, read.notes)
-            receiver = self._listen(name, message)
+            container, message = self._message(name, read.notes)
+            receiver = self._listen(name, message, container)
             notes += receiver.notes
         self.notes: tuple[str, ...] = tuple(notes)
         self._database_ids = {(m.frame_id, m.is_extended_frame) for m in self.database.messages}
@@ -67,18 +69,22 @@ class CanDecoder:
         self._last_error: int | None = None
         self._last_broken: int | None = None
 
-    def _message(self, name: str, notes: Sequence[str]) -> Message:
+    def _message(self, name: str, notes: Sequence[str]) -> tuple[Message | None, Message]:
         """The message of the database that the mapping calls by its name, or by name@identifier if there are several
-        of one name; `notes` say which were left out."""
+        of one name, behind the container in which it travels, if it does; `notes` say which were left out."""
         alike = [message for message in self.database.messages if message.name == name]
         if len(alike) == 1:
-            return alike[0]
+            self._must_have_signals(alike[0])
+            return None, alike[0]
+        inside = [(m, part) for m in self.database.messages for part in m.contained_messages or () if part.name == name]
+        if not alike and inside:
+            return inside[0]
         if alike:
             choices = ", ".join(f"{name}@0x{message.frame_id:X}" for message in alike)
             raise InputError(f"{self._where}: the database has {len(alike)} messages {name!r}; say which: {choices}")
         for message in self.database.messages:
             if name == f"{message.name}@0x{message.frame_id:X}":
-                return message
+                return None, message
         names = [message.name for message in self.database.messages]
         left_out = next((note for note in notes if f" {name} left out" in note), "")
         raise InputError(
@@ -86,14 +92,23 @@ class CanDecoder:
             f"it has {len(names)} messages" + (f" ({left_out})" if left_out else "")
         )
 
-    def _listen(self, name: str, message: Message) -> Receiver:
-        """Listen to a message that the mapping calls by `name`."""
+    def _must_have_signals(self, message: Message) -> None:
+        if message.is_container:
+            parts = ", ".join(part.name for part in message.contained_messages or ())
+            raise InputError(f"{self._where}: {message.name} is a container; name the message in it: {parts}")
+
+    def _listen(self, name: str, message: Message, container: Message | None) -> Receiver:
+        """Listen to a message that the mapping calls by `name`, by itself or in its container."""
         outputs = [output for output in self.mapping.outputs if output.message == name]
         check = self.mapping.messages.get(name, MessageCheck())
         # The null address, which never sends, stands in databases of J1939 for any.
         said_so = message.protocol == "j1939" or message.frame_id & 0xFF == 0xFE
         of_j1939 = message.is_extended_frame and (said_so if check.j1939 is None else check.j1939)
-        receiver = Receiver(message, check, outputs, self._where, of_j1939=of_j1939)
+        receiver = Receiver(message, check, outputs, self._where, of_j1939=of_j1939 and container is None)
+        if container is not None:
+            key = (container.frame_id, container.is_extended_frame)
+            self._containers.setdefault(key, Container(container)).add(message, receiver)
+            return receiver
         self._receivers[message.frame_id, message.is_extended_frame] = receiver
         if of_j1939:
             self._by_pgn[_pgn(message.frame_id)] = receiver
@@ -132,6 +147,9 @@ class CanDecoder:
             self._passed[key] += 1
             return []
         receiver = self.receiver(*key)
+        container = self._containers.get(key) if receiver is None else None
+        if container is not None:
+            return self._watched(container.feed(message, received))
         if receiver is None:
             reason = "not mapped" if key in self._database_ids else "not in the database"
             self._counts[reason] += 1
@@ -139,10 +157,21 @@ class CanDecoder:
             if not self._by_pgn:  # whose sender may change
                 self._ignored[key] = reason
             return []
-        samples_ = receiver.feed(message, received)
-        for sample in samples_:
+        return self._watched(receiver.feed(message, received))
+
+    def _watched(self, made: list[Sample]) -> list[Sample]:
+        for sample in made:
             self.watch.add(sample)
-        return samples_
+        return made
+
+    def listens(self, identifier: int, is_extended: bool) -> bool:
+        """True if frames with this identifier are of use."""
+        key = (identifier, is_extended)
+        return key in self._receivers or key in self._containers or (is_extended and _pgn(identifier) in self._by_pgn)
+
+    def container(self, identifier: int, is_extended: bool) -> Container | None:
+        """The container with an identifier, if messages in it are listened to."""
+        return self._containers.get((identifier, is_extended))
 
     def receiver(self, identifier: int, is_extended: bool) -> Receiver | None:
         """Who listens to an identifier: by itself, or by its parameter group where that is of J1939."""
@@ -166,7 +195,8 @@ class CanDecoder:
         """Health of the bus, then of each message that is listened to, at `now` [ns]."""
         for (identifier, is_extended), receiver in self._receivers.items():
             receiver.monitor.absence = self._absence(identifier, is_extended)
-        health = [receiver.diagnostic(now) for receiver in self._receivers.values()]
+        inside = [receiver for container in self._containers.values() for receiver in container.receivers]
+        health = [receiver.diagnostic(now) for receiver in (*self._receivers.values(), *inside)]
         return [self._bus(now), *health, *self.watch.diagnostics(now)]
 
     def passed(self) -> str:

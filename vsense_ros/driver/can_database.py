@@ -23,11 +23,22 @@ class DatabaseLimits:
 
 LIMITS = DatabaseLimits()
 
+# What cantools raises of a database that it does not understand.
+_LOADING = (
+    cantools.Error,
+    cantools.database.UnsupportedDatabaseFormatError,
+    ValueError,
+    LookupError,
+    TypeError,
+    AttributeError,
+    SyntaxError,
+    RecursionError,
+)
 _EXTENDED = 0x8000_0000  # marks identifiers of 29 bits in a DBC
 _INDEPENDENT = "VECTOR__INDEPENDENT_SIG_MSG"  # message that holds signals of no message
 
 _BLOCK = re.compile(r"^BO_[ \t]+(\d+)[ \t]+(\S+?)[ \t]*:[ \t]*(\d+)", re.MULTILINE)
-_SIGNAL = re.compile(r"^[ \t]*SG_[ \t]+([^\s:]+)[^:\n]*:[ \t]*(\d+)\|(\d+)@", re.MULTILINE)
+_SIGNAL = re.compile(r"^[ \t]*SG_[ \t]+([^\s:]+)[^:\n]*:[ \t]*(-?\d+)\|(-?\d+)@", re.MULTILINE)
 _NAME = re.compile(r"[A-Za-z_]\w*")
 # Statements beside messages that say how signals are decoded.
 _DECODING = re.compile(r"^(SIG_VALTYPE_|SG_MUL_VAL_)[ \t]+(\d+)[ \t]+(\S+)[^;]*;", re.MULTILINE)
@@ -57,7 +68,7 @@ def read_database(path: str | Path) -> CanDatabase:
         if path.suffix.lower() == ".dbc":
             return _read_dbc(path)
         database = cantools.database.load_file(path, strict=False)
-    except (cantools.Error, cantools.database.UnsupportedDatabaseFormatError, ValueError, OSError) as error:
+    except (*_LOADING, OSError) as error:
         raise InputError(f"{path}: not a CAN database that can be read: {error}") from None
     if not isinstance(database, Database):
         raise InputError(f"{path}: expected a CAN database, found diagnostic descriptions (CDD)")
@@ -72,10 +83,8 @@ def _read_dbc(path: Path) -> CanDatabase:
         text = data.decode("cp1252", errors="replace")
     text = text.replace("\r\n", "\n").replace("\r", "\n")
     blocks = list(_BLOCK.finditer(text))
-    bounded = all(int(b[3]) <= LIMITS.most_bytes for b in blocks) and all(
-        int(s[3]) <= LIMITS.most_bits for s in _SIGNAL.finditer(text)
-    )
-    why = "a signal or a message is larger than any can be"
+    bounded = all(int(b[3]) <= LIMITS.most_bytes for b in blocks) and _signals_are_bounded(text)
+    why = "a signal or a message is larger than any can be, or begins where none can"
     if bounded:
         try:
             return CanDatabase(_load(text))
@@ -89,6 +98,13 @@ def _read_dbc(path: Path) -> CanDatabase:
     first = " ".join(why.split())
     return CanDatabase(
         found.database, (f"{path.name}: not a correct DBC ({first}); what is intact is used", *found.notes)
+    )
+
+
+def _signals_are_bounded(text: str) -> bool:
+    """True if all signals begin and end where data can be: cantools makes room for whatever it reads."""
+    return all(
+        0 <= int(s[2]) < 8 * LIMITS.most_bytes and 0 < int(s[3]) <= LIMITS.most_bits for s in _SIGNAL.finditer(text)
     )
 
 
@@ -158,7 +174,7 @@ def _intact(head: str, rows: list[tuple[int, str]], more: list[str], name: str, 
     """A message with those of its signals that can be read, and behind a NUL the statements about them."""
 
     def can_be_read(lines: list[str], statements: list[str]) -> bool:
-        if any(int(s[3]) > LIMITS.most_bits for s in _SIGNAL.finditer("\n".join(lines))):
+        if not _signals_are_bounded("\n".join(lines)):
             return False
         try:
             _load(_PREFIX + head + "\n".join(lines) + "\n\n" + "\n".join(statements) + "\n")

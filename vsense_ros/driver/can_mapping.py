@@ -3,19 +3,19 @@
 from __future__ import annotations
 
 import difflib
-import math
 from collections.abc import Iterable
 from pathlib import Path
 from typing import Annotated, Literal
 
-from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, ValidationError, model_validator
+from pydantic import BeforeValidator, Field, ValidationError, model_validator
 from ruamel.yaml import YAML
 from ruamel.yaml.error import YAMLError
 
 from vsense_ros.driver.can_checksum import CHECKSUMS
+from vsense_ros.driver.can_mapped_signal import Output, Part, Signal
+from vsense_ros.driver.can_motion import MOTION_OUTPUTS, MotionOutput
 from vsense_ros.errors import InputError
 from vsense_ros.messages import yaml_text
-from vsense_ros.messages.units import QUANTITIES, canonical, quantity_of, to_si
 
 JointField = Literal["position", "velocity", "effort"]
 JOINT_UNITS: dict[str, tuple[str, ...]] = {
@@ -23,11 +23,6 @@ JOINT_UNITS: dict[str, tuple[str, ...]] = {
     "velocity": ("rad/s",),
     "effort": ("N m", "Pa"),
 }
-UNITS = tuple(
-    unit
-    for quantity in ("angle", "angular velocity", "velocity", "acceleration", "length", "pressure", "torque")
-    for unit in QUANTITIES[quantity]
-)
 ImuAxis = Literal[
     "angular_velocity_x",
     "angular_velocity_y",
@@ -38,97 +33,7 @@ ImuAxis = Literal[
 ]
 
 
-class _Part(BaseModel):
-    model_config = ConfigDict(extra="forbid", frozen=True)
-
-
-_Values = Annotated[
-    tuple[float | str, ...], BeforeValidator(lambda v: tuple(v) if isinstance(v, list | tuple) else (v,))
-]
-
-
-class Valid(_Part):
-    """A signal of the same message that says whether a value may be believed, as quality flags do."""
-
-    signal: str = Field(description="signal of the DBC")
-    values: _Values = Field(description="numbers or names (VAL_) at which the value is believed", min_length=1)
-
-
-class SignBit(_Part):
-    """A signal of the same message that says the direction of another, which is a magnitude."""
-
-    signal: str = Field(description="signal of the DBC")
-    negative: _Values = Field(
-        default=(1,), description="its numbers or names (VAL_) where the magnitude counts as negative", min_length=1
-    )
-
-
-class Signal(_Part):
-    """From a signal of the DBC to SI: (sum of the signals × factor + offset), which is then in `unit`.
-
-    A negative factor turns a signal whose positive direction is not that of ISO 8855.
-    """
-
-    signals: Annotated[tuple[str, ...], BeforeValidator(lambda v: (v,) if isinstance(v, str) else v)] = Field(
-        description="signal of the DBC, or several that are added", min_length=1
-    )
-    unit: str = Field(description=f"unit after factor and offset, one of {', '.join(UNITS)}")
-    factor: float = Field(default=1.0, description="unit per unit of the DBC's physical value")
-    offset: float = Field(default=0.0, description="added after the factor [unit]")
-    sign: SignBit | None = Field(
-        default=None, description="signal that says the direction, where `signals` are a magnitude"
-    )
-    rolling_radius: float | None = Field(
-        default=None, gt=0, lt=2, description="turns a wheel's speed over ground into its angular velocity [m]"
-    )
-    range: tuple[float, float] | None = Field(
-        default=None, description="plausible values [unit]; replaces the ranges of the DBC"
-    )
-    standard_deviation: float | None = Field(default=None, gt=0, description="of the noise [SI]; for Imu messages")
-    ignore_stated_unit: bool = Field(default=False, description="the unit that the DBC gives is wrong")
-    valid: Valid | None = Field(default=None, description="when the value is believed")
-
-    @model_validator(mode="after")
-    def _consistent(self) -> Signal:
-        if canonical(self.unit) not in UNITS:
-            raise ValueError(f"unit {self.unit!r} is not known; known are {', '.join(UNITS)}")
-        if self.factor == 0 or not math.isfinite(self.factor):
-            raise ValueError(f"factor is {self.factor}, expected a finite number other than 0")
-        if self.range is not None and self.range[0] >= self.range[1]:
-            raise ValueError(f"range is {list(self.range)}, expected [lowest, highest]")
-        if self.rolling_radius is not None and self.si_unit != "m/s":
-            raise ValueError(f"rolling_radius needs a unit of speed over ground (m/s, km/h, mph), found {self.unit!r}")
-        return self
-
-    @property
-    def si_unit(self) -> str:
-        """SI unit before a rolling radius is applied."""
-        return next(iter(QUANTITIES[quantity_of(self.unit) or "number"]))
-
-    @property
-    def to_si(self) -> float:
-        """Size of the unit in SI."""
-        return to_si(self.unit)
-
-    @property
-    def output_unit(self) -> str:
-        """SI unit of the value in the message."""
-        return "rad/s" if self.rolling_radius is not None else self.si_unit
-
-
-class _Output(_Part):
-    """What outputs of all kinds have."""
-
-    topic: str = Field(min_length=1, description="topic of the message that is made")
-    message: str = Field(description="message of the DBC, or NAME@0x123 where several have one name")
-    valid: Valid | None = Field(default=None, description="when all of its values are believed")
-
-    def named_signals(self) -> dict[str, Signal]:
-        """Signals by the name of the value that each gives."""
-        raise NotImplementedError
-
-
-class JointStateOutput(_Output):
+class JointStateOutput(Output):
     """A sensor_msgs/JointState made from one CAN message; other messages may give other joints of the same topic."""
 
     kind: Literal["joint_state"] = Field(description="what it is")
@@ -139,18 +44,23 @@ class JointStateOutput(_Output):
     def _units(self) -> JointStateOutput:
         for joint, signal in self.joints.items():
             if signal.output_unit not in JOINT_UNITS[self.field]:
+                hint = "; the speed of the car is kind: speed" if signal.output_unit == "m/s" else ""
                 raise ValueError(
                     f"{joint}: {self.field} is in {' or '.join(JOINT_UNITS[self.field])}, but the signal gives "
-                    f"{signal.output_unit} (unit: {signal.unit})"
+                    f"{signal.output_unit} (unit: {signal.unit}){hint}"
                 )
         return self
+
+    @property
+    def message_kind(self) -> str:
+        return "sensor_msgs/msg/JointState"
 
     def named_signals(self) -> dict[str, Signal]:
         """Signals by joint."""
         return self.joints
 
 
-class ImuOutput(_Output):
+class ImuOutput(Output):
     """A sensor_msgs/Imu made from one CAN message; axes that are not listed are NaN. Other messages may give those."""
 
     kind: Literal["imu"] = Field(description="what it is")
@@ -167,19 +77,23 @@ class ImuOutput(_Output):
                 raise ValueError(f"{axis} needs a standard_deviation [{expected}]")
         return self
 
+    @property
+    def message_kind(self) -> str:
+        return "sensor_msgs/msg/Imu"
+
     def named_signals(self) -> dict[str, Signal]:
         """Signals by axis."""
         return {str(axis): signal for axis, signal in self.axes.items()}
 
 
-class CounterCheck(_Part):
+class CounterCheck(Part):
     """A counter that the sender raises by one with each frame and that wraps at the width of its signal."""
 
     signal: str = Field(description="signal of the DBC")
     max_delta: int = Field(default=1, ge=1, description="largest step at which a frame is still believed")
 
 
-class ChecksumCheck(_Part):
+class ChecksumCheck(Part):
     """A checksum byte."""
 
     algorithm: str = Field(description=f"one of {', '.join(CHECKSUMS)}")
@@ -192,7 +106,7 @@ class ChecksumCheck(_Part):
         return self
 
 
-class MessageCheck(_Part):
+class MessageCheck(Part):
     """What is known of a message besides its signals."""
 
     length: int | None = Field(
@@ -209,19 +123,33 @@ class MessageCheck(_Part):
     source: int | None = Field(default=None, ge=0, le=255, description="source address; default: the first one heard")
 
 
-class CanMapping(_Part):
+def _speed_of_the_car(output: object) -> object:
+    """A joint of `vehicle/speed`, which has none, as the speed that is meant."""
+    if isinstance(output, dict) and output.get("kind") == "joint_state" and output.get("topic") == "vehicle/speed":
+        signals = list(output.get("joints") or {"": None})
+        rest = {key: value for key, value in output.items() if key not in ("kind", "joints", "field")}
+        return rest | {"kind": "speed", "speed": output["joints"][signals[0]] if len(signals) == 1 else None}
+    return output
+
+
+AnyOutput = JointStateOutput | ImuOutput | MotionOutput
+_KINDS = ("joint_state", "imu", *(kind for output in MOTION_OUTPUTS for kind in output.kinds()))
+
+
+class CanMapping(Part):
     """The mapping of a CAN bus."""
 
     name: str = Field(min_length=1, description="for messages about it")
+    bus: str | None = Field(default=None, description="which channel of a log of several buses it is of")
     bus_timeout: float = Field(default=0.5, gt=0, description="silence of the whole bus that is an error [s]")
     messages: dict[str, MessageCheck] = Field(default_factory=dict, description="by name in the DBC")
-    outputs: tuple[Annotated[JointStateOutput | ImuOutput, Field(discriminator="kind")], ...] = Field(
+    outputs: tuple[Annotated[AnyOutput, Field(discriminator="kind"), BeforeValidator(_speed_of_the_car)], ...] = Field(
         min_length=1, description="messages that are made of the frames"
     )
 
     @model_validator(mode="after")
     def _one_source_per_topic(self) -> CanMapping:
-        by_topic: dict[str, list[JointStateOutput | ImuOutput]] = {}
+        by_topic: dict[str, list[AnyOutput]] = {}
         for output in self.outputs:
             by_topic.setdefault(output.topic, []).append(output)
         for topic, parts in by_topic.items():
@@ -233,11 +161,13 @@ class CanMapping(_Part):
         return self
 
 
-def _must_be_parts(topic: str, parts: list[JointStateOutput | ImuOutput]) -> None:
+def _must_be_parts(topic: str, parts: list[AnyOutput]) -> None:
     """A topic may come from several messages, each of which gives other joints or axes of it."""
     if len({part.kind for part in parts}) > 1:
         raise ValueError(f"topic {topic} is made as two kinds of message; it has one")
-    alike = {part.field if isinstance(part, JointStateOutput) else part.frame_id for part in parts}
+    if len(parts) > 1 and not isinstance(parts[0], JointStateOutput | ImuOutput):
+        raise ValueError(f"topic {topic} is made of {len(parts)} messages; a {parts[0].kind} is made of one")
+    alike = {part.field if isinstance(part, JointStateOutput) else getattr(part, "frame_id", "") for part in parts}
     if len(alike) > 1:
         raise ValueError(f"topic {topic} is made as {' and as '.join(sorted(alike))}; its parts must agree")
     given: dict[str, str] = {}
@@ -266,7 +196,7 @@ def load_mapping(path: str | Path) -> CanMapping:
     except ValidationError as error:
         lines = []
         for item in error.errors():
-            where = tuple(part for part in item["loc"] if part not in ("joint_state", "imu"))
+            where = tuple(part for part in item["loc"] if part not in _KINDS)
             key = ".".join(str(part) for part in where) or "file"
             found = item["input"] if not isinstance(item["input"], dict | list) else "see there"
             text = item["msg"].removeprefix("Value error, ")

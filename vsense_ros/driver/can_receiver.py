@@ -16,15 +16,15 @@ from numpy.typing import NDArray
 
 from vsense_ros.driver import samples
 from vsense_ros.driver.can_checksum import CHECKSUMS
+from vsense_ros.driver.can_mapped_signal import Signal, Valid
 from vsense_ros.driver.can_mapping import (
+    AnyOutput,
     CounterCheck,
-    ImuOutput,
     JointStateOutput,
     MessageCheck,
-    Signal,
-    Valid,
     suggestion,
 )
+from vsense_ros.driver.can_motion import MotionBase
 from vsense_ros.driver.can_signal import Array, Frames, SignalField
 from vsense_ros.driver.can_validity import Validity
 from vsense_ros.driver.monitor import NANO, StreamLimits, StreamMonitor
@@ -32,8 +32,6 @@ from vsense_ros.errors import InputError
 from vsense_ros.messages.diagnostic import Diagnostic
 from vsense_ros.messages.recording import Sample
 from vsense_ros.messages.units import contradiction
-
-Output = JointStateOutput | ImuOutput
 
 
 @dataclass(frozen=True, slots=True)
@@ -172,10 +170,10 @@ class Receiver:
     """One message of the bus: its checks and the outputs made from it. One of J1939 has its codes for no value."""
 
     def __init__(
-        self, message: Message, check: MessageCheck, outputs: list[Output], where: str, *, of_j1939: bool = False
+        self, message: Message, check: MessageCheck, outputs: list[AnyOutput], where: str, *, of_j1939: bool = False
     ) -> None:
         self.message = message
-        self.outputs: list[tuple[Output, list[_Conversion]]] = []
+        self.outputs: list[tuple[AnyOutput, list[_Conversion]]] = []
         self.notes: list[str] = []
         ranged: dict[str, bool] = {}  # signals that values are made of, and if their range in the database holds
         for output in outputs:
@@ -271,10 +269,10 @@ class Receiver:
         if refused:
             self._refuse(physical, refused, at)
         self._before = physical
-        made: list[tuple[Output, dict[str, float]]] = []
+        made: list[tuple[AnyOutput, dict[str, float]]] = []
         for output, conversions in self.outputs:
             values = self._values(conversions, physical, refused, at)
-            if values:
+            if values and (not isinstance(output, MotionBase) or output.is_whole(values)):
                 made.append((output, values))
         if not made or not monitor.accept(arrival, received):
             return []
@@ -332,7 +330,7 @@ class Receiver:
 
     def table(
         self, data: Frames, lengths: NDArray[np.int64], faults: Counter[str], said: Counter[str]
-    ) -> list[tuple[Output, NDArray[np.intp], dict[str, Array]]]:
+    ) -> list[tuple[AnyOutput, NDArray[np.intp], dict[str, Array]]]:
         """Values of all frames of a log at once, as `feed` has them one by one: data (n, bytes) and lengths (n,), in
         the order of the log.
 
@@ -388,6 +386,11 @@ class Receiver:
                 value[~believed] = np.nan
                 values[conversion.name] = value
                 present |= believed
+            if isinstance(output, MotionBase):
+                known = {name: ~np.isnan(value) for name, value in values.items()}
+                forms = [form for form in output.forms if known.keys() >= set(form)]
+                wholes = [np.all([known[name] for name in form], axis=0) for form in forms]
+                present &= np.any(wholes, axis=0)
             rows = np.flatnonzero(present)
             made.append((output, rows, {name: value[rows] for name, value in values.items()}))
         said.update({f"{self.message.name}: {text}": count for text, count in doubted.items() if count})
@@ -403,9 +406,14 @@ def _not_valid(conversion: _Conversion, flag: _Flag) -> str:
     return f"{conversion.name} is not valid by {flag.signal}"
 
 
-def _sample(output: Output, values: dict[str, float], stamp: int, received: int) -> Sample:
+def _sample(output: AnyOutput, values: dict[str, float], stamp: int, received: int) -> Sample:
     if isinstance(output, JointStateOutput):
         return samples.joint_state(output.topic, stamp, output.field, values, received)
+    if isinstance(output, MotionBase):
+        columns = output.columns({name: np.array([value]) for name, value in values.items()})
+        row = {name: column[0] for name, column in columns.items()}
+        frame, child = output.frames
+        return Sample(output.topic, output.message_kind, stamp, row, frame, child_frame_id=child, received=received)
     vectors: dict[str, np.ndarray | None] = {}
     for field in ("angular_velocity", "linear_acceleration"):
         names = [f"{field}_{axis}" for axis in "xyz"]

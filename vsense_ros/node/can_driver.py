@@ -20,7 +20,6 @@ from pydantic import Field
 
 from vsense_ros.driver.can import CanDecoder
 from vsense_ros.driver.can_bus import open_bus
-from vsense_ros.driver.can_mapping import JointStateOutput
 from vsense_ros.errors import InputError
 from vsense_ros.messages import cdr_messages
 from vsense_ros.messages.diagnostic import Diagnostic, Level
@@ -93,8 +92,7 @@ class CanDriver(SensingNode[CanDriverParameters]):
         self._latest_loss = ("", -math.inf)  # why, and when [s] of the monotonic clock
         self._decoder = CanDecoder(p.database, p.mapping)
         for output in self._decoder.mapping.outputs:
-            is_joint = isinstance(output, JointStateOutput)
-            self.create_output(output.topic, f"sensor_msgs/msg/{'JointState' if is_joint else 'Imu'}")
+            self.create_output(output.topic, output.message_kind)
         if p.interface == "topic" and p.publish_frames:
             raise InputError("parameter publish_frames: with interface topic the frames are on can/frames already")
         if p.publish_frames:

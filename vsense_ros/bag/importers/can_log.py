@@ -6,16 +6,18 @@ The checks are those of the driver: counters, checksums, ranges. Frames are deco
 from __future__ import annotations
 
 from collections import Counter
+from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
-from vsense_ros.bag.importers import build
+from vsense_ros.bag.importers import build, can_buses
 from vsense_ros.bag.importers.build import Array, Stamps
 from vsense_ros.driver.can import CanDecoder
 from vsense_ros.driver.can_log import CanFrames, format_of, read_frames
-from vsense_ros.driver.can_mapping import ImuOutput, JointStateOutput
+from vsense_ros.driver.can_mapping import AnyOutput, ImuOutput, JointStateOutput
+from vsense_ros.driver.can_motion import MotionBase
 from vsense_ros.driver.samples import ABSENT, UNMEASURED_VARIANCE
 from vsense_ros.errors import InputError
 from vsense_ros.messages.recording import FIELDS, Channel, Recording
@@ -24,8 +26,7 @@ NAME = "can_log"
 DESCRIPTION = "CAN log with a database and a mapping (candump, .asc, .blf, .trc, GVRET .csv, .mf4)"
 NEEDS = ("dbc",)  # without a database an MDF4 file is one of signals
 
-Output = JointStateOutput | ImuOutput
-_Part = tuple[Output, Stamps, Stamps, dict[str, Array]]  # stamps of measurement and arrival, values by name
+_Part = tuple[AnyOutput, Stamps, Stamps, dict[str, Array]]  # stamps of measurement and arrival, values by name
 
 
 def matches(path: Path) -> bool:
@@ -34,9 +35,16 @@ def matches(path: Path) -> bool:
 
 
 def read(
-    path: Path, *, dbc: str | Path | None = None, mapping: str | Path | None = None, channel: str | int | None = None
+    path: Path,
+    *,
+    dbc: str | Path | Sequence[str | Path] | None = None,
+    mapping: str | Path | Sequence[str | Path] | None = None,
+    channel: str | int | None = None,
 ) -> Recording:
     """The topics that the mapping makes of the log; `channel` is the bus, where the log has several.
+
+    With several databases each is of a bus: `can0=car.dbc`, or as its mapping says (`bus`), or the bus on which the
+    messages of its mapping come. There is a mapping for each, in their order, or one whose messages are in one each.
 
     Times are those of the log: Unix times where it tells a date, else from its start.
     """
@@ -47,25 +55,34 @@ def read(
             n for n, v in (("a database (--dbc FILE)", dbc), ("a mapping (--mapping FILE)", mapping)) if v is None
         )
         raise InputError(f"{path}: a CAN log is frames of bytes; what they mean needs {missing}, as in config/can")
-    decoder = CanDecoder(dbc, mapping)
+    decoders = can_buses.decoders(_several(dbc), _several(mapping), channel)
     frames = read_frames(path)
-    rows = _of_channel(path, frames, channel)
-    notes = [*decoder.notes, *frames.losses]
+    notes = [*(note for decoder in decoders for note in decoder.notes), *frames.losses]
     if frames.counts_from_zero:
         notes.append(f"{path.name}: the log has no date; its times count from its start")
     arrival = build.nanoseconds(frames.time)
-    parts, passed = _decoded(decoder, frames, rows, arrival, notes)
+    parts: list[_Part] = []
+    passed = ""
+    for decoder, bus in zip(decoders, can_buses.assigned(path, decoders, frames, notes), strict=True):
+        rows = _of_channel(path, frames, bus)
+        own, passed = _decoded(decoder, frames, rows, arrival, notes)
+        parts += own
+    outputs = [output for decoder in decoders for output in decoder.mapping.outputs]
     if not parts:
         heard = f"; identifiers that came: {passed}" if passed else ""
-        wanted = ", ".join(dict.fromkeys(output.message for output in decoder.mapping.outputs))
+        wanted = ", ".join(dict.fromkeys(output.message for output in outputs))
         raise InputError(f"{path}: none of the messages that the mapping uses ({wanted}) is in the log{heard}")
-    never = {output.message for output in decoder.mapping.outputs} - {part[0].message for part in parts}
+    never = {output.message for output in outputs} - {part[0].message for part in parts}
     if never:
         notes.append(f"never came: {', '.join(sorted(never))}; what came and nothing listens to: {passed or 'nothing'}")
     topics = dict.fromkeys(part[0].topic for part in parts)
     channels = {topic: _channel(topic, [part for part in parts if part[0].topic == topic]) for topic in topics}
     damage = tuple(loss for loss in frames.losses if loss.startswith("unreadable after"))
-    return Recording(channels, path.stem, tuple(notes), 0, {"source": NAME}, damage)
+    return Recording(channels, path.stem, tuple(dict.fromkeys(notes)), 0, {"source": NAME}, damage)
+
+
+def _several(files: str | Path | Sequence[str | Path]) -> list[str | Path]:
+    return [files] if isinstance(files, str | Path) else list(files)
 
 
 def _of_channel(path: Path, frames: CanFrames, channel: str | int | None) -> NDArray[np.intp]:
@@ -93,6 +110,15 @@ def _decoded(
     for group in groups:
         identifier, is_extended = int(frames.identifier[group[0]]), bool(frames.is_extended[group[0]])
         receiver = decoder.receiver(identifier, is_extended)
+        container = decoder.container(identifier, is_extended) if receiver is None else None
+        if container is not None:
+            group = _one_bus(frames, group, container.message.name, notes)
+            for inside, within, data in container.parts(frames.rows(group), frames.length[group]):
+                lengths = np.full(len(data), inside.length)
+                for output, good, values in inside.table(data, lengths, faults, said):
+                    received = arrival[group[within[good]]]
+                    parts.append((output, received - inside.latency, received, values))
+            continue
         if receiver is None:
             passed.append((len(group), f"0x{identifier:X}{' (29 bits)' if is_extended else ''} × {len(group)}"))
             continue
@@ -139,6 +165,13 @@ def _channel(topic: str, parts: list[_Part]) -> Channel:
         columns = dict.fromkeys(FIELDS["sensor_msgs/msg/JointState"], empty)
         columns[output.field] = np.column_stack([column(name) for name in names])
         return Channel(topic, "sensor_msgs/msg/JointState", stamp, received, columns, "", names)
+    if isinstance(output, MotionBase):
+        # Made of one message each, so that all parts have the same values.
+        made = [part[0].columns(part[3]) for part in parts if isinstance(part[0], MotionBase)]
+        columns = {name: np.concatenate([columns[name] for columns in made])[order] for name in made[0]}
+        frame, child = output.frames
+        return Channel(topic, output.message_kind, stamp, received, columns, frame, (), child)
+    assert isinstance(output, ImuOutput)
     return Channel(topic, "sensor_msgs/msg/Imu", stamp, received, _imu(parts, order), output.frame_id)
 
 

@@ -152,6 +152,10 @@ def _group(path: Path, prefix: str, group: Any, bound: int, depth: int) -> Itera
         if isinstance(item, h5py.Group):
             yield from _group(path, full, item, bound, depth + 1)
             continue
+        if item.external or item.is_virtual:
+            raise InputError(
+                f"{path}: {full!r} is in another file, which is not read; expected data in the file itself"
+            )
         if item.dtype.kind not in "biuf" or item.size < 2 or item.ndim > 2 or item.attrs.get("MATLAB_empty"):
             continue
         if item.nbytes > bound:

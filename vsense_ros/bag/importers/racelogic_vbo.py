@@ -53,7 +53,7 @@ def read(path: Path, *, mapping: str | Path | Mapping[str, Any] | None = None) -
         what = "the file is empty" if not data else "it has no section [data]"
         raise InputError(f"{path}: not a VBO file: {what}")
     head = data[:at].decode("cp1252", errors="replace")
-    names = _section(head, "column names").split()
+    names = ["long" if name == "lng" else name for name in _section(head, "column names").split()]  # as RaceBox has it
     missing = [name for name in _USED if name not in names]
     if missing:
         raise InputError(

@@ -43,6 +43,8 @@ def read(path: Path, *, mapping: str | Path | Mapping[str, Any] | None = None) -
     time = wanted.time
     if kind == "aim" and time.start is None and start is not None:
         time = time.model_copy(update={"start": start})
+    if "skip_lines" in wanted.model_fields_set:  # what a mapping says goes before what is found
+        skipped = wanted.skip_lines
     wanted = wanted.model_copy(update={"skip_lines": skipped, "time": time})
     table = text_table.read_table(path, wanted)
     recording = recording_from(wanted, table.column, path.stem, NAME, table.base)
