@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-import shutil
 from collections.abc import Iterator, Mapping
 from pathlib import Path
+from tempfile import TemporaryDirectory
 from types import TracebackType
 
 import numpy as np
@@ -45,7 +45,8 @@ class BagWriter:
         self._compression = compression
         self._metadata = dict(metadata or {})
         self._split_size, self._split_duration = split_size, round(split_duration * 1e9)
-        self._clear(overwrite)
+        for old in _replaceable(self.path, overwrite):
+            old.unlink()
         self.path.mkdir(parents=True, exist_ok=True)
         self._descriptions: dict[str, TopicDescription] = {}
         self._files: list[McapWriter] = []
@@ -56,20 +57,6 @@ class BagWriter:
         name = f"{self.path.resolve().name}_{len(self._files)}.mcap"
         self._file = McapWriter(self.path / name, self._compression)
         self._files.append(self._file)
-
-    def _clear(self, overwrite: bool) -> None:
-        """Remove an old bag in the way; anything that is not a bag stays, and is an error."""
-        if not self.path.exists():
-            return
-        if not self.path.is_dir():
-            raise InputError(f"{self.path}: a bag is a folder, but a file of this name exists; choose another name")
-        old = list(self.path.iterdir())
-        if old and not overwrite:
-            raise InputError(f"{self.path}: holds something already; choose another name or allow overwriting")
-        if any(not (f.name == FILE_NAME or f.suffix == ".mcap") for f in old):
-            raise InputError(f"{self.path}: holds files that are no bag, so it is not overwritten")
-        for f in old:
-            f.unlink()
 
     def write(self, sample: Sample) -> None:
         """Write a sample at its time of arrival, or of measurement if that is unknown."""
@@ -130,16 +117,44 @@ class BagWriter:
         self.close()
 
 
+def _replaceable(path: Path, overwrite: bool) -> list[Path]:
+    """The files of an old bag in the way. Raises `InputError` where anything else is, or it must not be overwritten."""
+    if not path.exists():
+        return []
+    if not path.is_dir():
+        raise InputError(f"{path}: a bag is a folder, but a file of this name exists; choose another name")
+    old = list(path.iterdir())
+    if old and not overwrite:
+        raise InputError(f"{path}: holds something already; choose another name or allow overwriting")
+    if any(not (f.name == FILE_NAME or f.suffix == ".mcap") for f in old):
+        raise InputError(f"{path}: holds files that are no bag, so it is not overwritten")
+    return old
+
+
 def write_bag(path: str | Path, recording: Recording, *, compression: str = "zstd", overwrite: bool = False) -> None:
     """Write a recording as a bag, in order of arrival. Its name, metadata and notes go into `custom_data`.
 
-    Nothing half-written is left behind if that fails.
+    It is written beside its place and renamed at the end: whatever ends the program before that, an old bag is as it
+    was, and nothing half-written stands in its place.
     """
+    path = Path(path)
+    _replaceable(path, overwrite)
+    target = path.resolve()
+    target.parent.mkdir(parents=True, exist_ok=True)
+    with TemporaryDirectory(prefix=f".{target.name}.", dir=target.parent) as folder:
+        written = Path(folder) / target.name
+        _write(written, recording, compression)
+        for old in _replaceable(path, overwrite):
+            old.unlink()
+        written.replace(target)
+
+
+def _write(path: Path, recording: Recording, compression: str) -> None:
     metadata = dict(recording.metadata)
     if recording.notes:
         metadata["notes"] = "\n".join(recording.notes)
     channels = [channel.in_order() for channel in recording.channels.values() if len(channel)]
-    with BagWriter(path, compression=compression, overwrite=overwrite, metadata=metadata) as writer:
+    with BagWriter(path, compression=compression, metadata=metadata) as writer:
         if not channels:
             return
         received = np.concatenate([channel.received for channel in channels])
@@ -152,7 +167,6 @@ def write_bag(path: str | Path, recording: Recording, *, compression: str = "zst
                 writer.write_raw(topic, kind, time, following())
         except BaseException:
             writer.abandon()
-            shutil.rmtree(writer.path, ignore_errors=True)
             raise
 
 
