@@ -32,8 +32,9 @@ def concatenated(parts: Sequence[Recording]) -> dict[str, Channel]:
     return found
 
 
-def joined(recordings: Sequence[Recording]) -> Recording:
-    """One recording of several that were made of the same drive by loggers with clocks of their own.
+def joined(recordings: Sequence[Recording], *, keep_times: bool = False) -> Recording:
+    """One recording of several that were made of the same drive by loggers with clocks of their own; with `keep_times`,
+    by loggers with one clock, whose times stay as they are.
 
     The time of the first counts. By how much the clock of each other one differs is found from the motion that both
     tell (turning and speed), and stands in the notes. Raises `InputError` where two have a topic in common, or no
@@ -50,17 +51,18 @@ def joined(recordings: Sequence[Recording]) -> Recording:
                 f"{other.name}: has {', '.join(twice)}, which {first.name} has, too; a topic has one source: leave it "
                 "out of one of the mappings"
             )
-        found = clock_offset(replace(first, channels=channels), other)
+        found = (0.0, 1.0) if keep_times else clock_offset(replace(first, channels=channels), other)
         if found is None:
             raise InputError(
                 f"{other.name}: nothing in it tells the same motion as {first.name} (a speed or a turning rate in "
-                "both), so that the difference of their clocks cannot be found"
+                "both), so that the difference of their clocks cannot be found; if they have one clock: --keep-times"
             )
         offset, alike = found
-        notes.append(
-            f"{other.name}: its times are put {offset:+.3f} s to those of {first.name}, by the motion that both tell "
-            f"(correlation {alike:.3f})"
-        )
+        if not keep_times:
+            notes.append(
+                f"{other.name}: its times are put {offset:+.3f} s to those of {first.name}, by the motion that both "
+                f"tell (correlation {alike:.3f})"
+            )
         shift = round(offset * 1e9)
         channels |= {
             topic: replace(channel, stamp=channel.stamp + shift, received=channel.received + shift)

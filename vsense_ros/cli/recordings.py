@@ -33,6 +33,7 @@ from vsense_ros.files.names import printable
 @click.option(
     "--option", "options", multiple=True, metavar="KEY=VALUE", callback=key_value_pairs, help="Passed to the importer."
 )
+@click.option("--keep-times", is_flag=True, help="Of several sources: their loggers have one clock, so shift none.")
 @click.option("--overwrite", is_flag=True, help="Replace an existing bag at OUT.")
 @click.option("--guess", "proposed", is_flag=True, help="Propose a mapping for a table, measurement or bag; no OUT.")
 def import_(
@@ -41,6 +42,7 @@ def import_(
     mappings: tuple[Path, ...],
     databases: tuple[str, ...],
     options: dict[str, Any],
+    keep_times: bool,
     overwrite: bool,
     proposed: bool,
 ) -> None:
@@ -88,7 +90,7 @@ def import_(
     if given:
         raise InputError(f"{given[0]}: a mapping more than there are sources that take one")
     with waiting(f"writing {out.name}"):
-        recording = joined(recordings) if len(recordings) > 1 else recordings[0]
+        recording = joined(recordings, keep_times=keep_times) if len(recordings) > 1 else recordings[0]
         write_bag(out, recording, overwrite=overwrite)
     show_inspection(inspect(recording, known_topics()), console())
     say(f"Written to {out}.")
