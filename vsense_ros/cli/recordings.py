@@ -70,7 +70,9 @@ def import_(
     from vsense_ros.model.sensors import known_topics
 
     if proposed:
-        _propose((*sources, out), dbc)
+        if len(databases) > 1:
+            raise InputError("--guess proposes a mapping for one bus; expected one --dbc")
+        _propose((*sources, out), Path(databases[0].rpartition("=")[2]) if databases else None)
         return
     if not sources:
         raise InputError(f"{out}: expected a recording and the bag to write, found one of the two")
