@@ -37,17 +37,16 @@ def bend(angle: float, speed: float, seconds: float, wrong: dict[str, float], si
     """The witnesses after a steady turn in which what is `wrong` adds to gyro, lateral acceleration, the yaw rate of
     the wheels or the steering angle after some time."""
     witnesses, sensors = YawWitnesses(car(), car().sensing()), list(car().sensing())
-    imu, steering, wheels = (sensors.index(name) for name in ("imu", "steering", "wheel_speeds"))
+    steering, wheels = sensors.index("steering"), sensors.index("wheel_speeds")
     numbers, rate = car_numbers(car()), steady_yaw_rate(angle, speed)
     for i in range(round(seconds / 0.01)):
         stamp, now = START + i * SECOND // 100, wrong if i * 0.01 >= since else {}
         turn = (rate + now.get("wheels", 0.0)) * numbers["rear_half_track"]
         spins = (np.array([0.0, 0.0, -turn, turn]) + speed) / numbers["rear_radius"]
-        felt = np.array([0, 0, rate + now.get("gyro", 0.0), 0, rate * speed + now.get("acceleration", 0.0), 9.81])
-        for index, value in (
-            (steering, np.array([angle + now.get("steering", 0.0)])), (wheels, spins), (imu, felt),
-        ):  # fmt: skip
-            witnesses.hear(Event(index, stamp, value, np.zeros(len(value))), lambda: (speed, 0.0))
+        felt = [0, 0, rate + now.get("gyro", 0.0), 0, rate * speed + now.get("acceleration", 0.0), 9.81]
+        for index, value in ((steering, np.array([angle + now.get("steering", 0.0)])), (wheels, spins)):
+            witnesses.hear(Event(index, stamp, value, np.zeros(len(value))))
+        witnesses.feel(stamp, 0.01, felt, speed, 0.0)
         if witnesses.wrong:
             break
     return witnesses

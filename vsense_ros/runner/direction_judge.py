@@ -17,13 +17,11 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from math import exp, isfinite, nan
 
-import numpy as np
-
 from vsense_ros.estimation.timeline import Event, Timeline
 from vsense_ros.model.handling.base import car_numbers
 from vsense_ros.model.sensors import place_of
 from vsense_ros.runner.adapter import Adapter
-from vsense_ros.runner.judge import Judge, into_axes_of_car
+from vsense_ros.runner.judge import Judge
 
 
 @dataclass(frozen=True)
@@ -58,11 +56,10 @@ class DirectionJudge(Judge):
         super().__init__()
         self._adapter, self._tell = adapter, tell
         sensors = tuple(adapter.sensors.values())
-        self._inertial = place_of(sensors, "rates and forces")
         self._steering = place_of(sensors, "steering")
         self._wheels = place_of(sensors, "rolling speed")
-        self._into_car = into_axes_of_car(sensors, self._inertial)
-        self.judged = self._inertial >= 0 and adapter.knows_car
+        self.judged = place_of(sensors, "rates and forces") >= 0 and adapter.knows_car
+        self.hears = frozenset((self._steering, self._wheels))
         self.reversed = False
         numbers = car_numbers(adapter.vehicle)
         self._length = numbers["to_front"] + numbers["to_rear"]
@@ -81,7 +78,7 @@ class DirectionJudge(Judge):
 
     def forget(self, stamp: int) -> None:
         self.evidence = 0.0
-        self._sum, self._count, self._from = np.zeros(6), 0, 0
+        self._time, self._sums = 0.0, (0.0, 0.0, 0.0)  # [s] of a block, and integrals of yaw rate and accelerations
         self._angle = self._speed = self._felt = nan  # the last is along the car, at rest [m/s²]
         self._rested = self._way = 0.0  # since it moved last [s], since it rested [m]
 
@@ -99,25 +96,23 @@ class DirectionJudge(Judge):
             event.value = -event.value
         if event.sensor == self._steering:
             self._angle = event.value.item(0)
-        if event.sensor != self._inertial:
-            return
-        passed = (event.stamp - self._from) * 1e-9
-        if not 0.0 <= passed < 1.0:
-            self._sum[:], self._count, self._from, self._speed = 0.0, 0, event.stamp, nan
-            return
-        self._sum += event.value
-        self._count += 1
-        if passed >= DIRECTION.block:
-            value = self._into_car(self._sum / self._count)
-            self._sum[:], self._count, self._from = 0.0, 0, event.stamp
-            self._weigh(passed, value.tolist())
 
-    def _weigh(self, h: float, value: list[float]) -> None:
+    def feel(self, stamp: int, h: float, felt: list[float]) -> None:
+        rate, along, across = self._sums
+        _, _, r, a_x, a_y, _ = felt
+        self._time += h
+        self._sums = rate + h * r, along + h * a_x, across + h * a_y
+        if self._time >= DIRECTION.block:
+            time = self._time
+            self._weigh(time, *(one / time for one in self._sums))
+            self._time, self._sums = 0.0, (0.0, 0.0, 0.0)
+
+    def _weigh(self, h: float, rate: float, along: float, across: float) -> None:
+        """Add the evidence of a block of `h` [s]."""
         s = DIRECTION
         speed, before = self._adapter.forward_speed, self._speed
         self._speed = speed
         self.evidence *= exp(-h / s.forgotten)
-        _, _, rate, along, across, _ = value
         if abs(speed) < s.slowest:
             self._rested += h
             if self._rested >= s.rest:

@@ -1,26 +1,40 @@
-"""What judges of whole sensors have in common: they hear every message before it acts on the filter."""
+"""Judges of whole sensors: what they have in common, and how messages come to them before they act on the filter."""
 
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from dataclasses import dataclass
 from math import isfinite
 
 import numpy as np
 from numpy.typing import NDArray
 
 from vsense_ros.estimation.timeline import Event, Timeline
-from vsense_ros.model.sensors import SensorBase
+from vsense_ros.model.sensors import SensorBase, place_of
 from vsense_ros.runner.adapter import Widening
 
 Array = NDArray[np.float64]
 
 
+@dataclass(frozen=True)
+class JudgeSettings:
+    """Times at which judges look: decisions of this project."""
+
+    block: int = 40_000_000  # [ns] in which inertial messages are averaged
+    longest: int = 1_000_000_000  # [ns] between two of them, beyond which a block begins anew
+    between: int = 40_000_000  # [ns] between two judgements
+
+
+JUDGES = JudgeSettings()
+
+
 class Judge(ABC):
-    """One judge; `judged` is true if the car has the sensors for it, `out` are the places of sensors that are not
-    believed, and `why` says what for."""
+    """One judge; `judged` is true if the car has the sensors for it, `hears` are the places of those whose messages it
+    takes, `out` the places of sensors that are not believed, and `why` says what for."""
 
     judged: bool
+    hears: frozenset[int]
     why: str = ""
     suspect: bool = False  # True while an inertial axis that seems wrong may be right, because another sensor is wrong
 
@@ -45,8 +59,72 @@ class Judge(ABC):
         """Take in a message, in order of arrival; what is not believed of it is changed in it."""
 
     @abstractmethod
+    def feel(self, stamp: int, h: float, felt: list[float]) -> None:
+        """Take in the mean of an inertial sensor (6), in the axes of the car, over `h` [s] up to a time [ns]."""
+
+    @abstractmethod
     def settle(self, timeline: Timeline) -> None:
         """Do what follows: leave a sensor out, believe it again, or move the filter."""
+
+
+class Judges:
+    """All judges of one car, those of `judges` that have their sensors; they hear messages before these act."""
+
+    def __init__(self, sensors: Sequence[SensorBase], judges: Iterable[Judge]) -> None:
+        self._judges = tuple(judge for judge in judges if judge.judged)
+        self._inertial = place_of(sensors, "rates and forces") if self._judges else -1
+        self._into_car = into_axes_of_car(sensors, self._inertial)
+        self._listeners = {
+            i: tuple(judge.hear for judge in self._judges if i in judge.hears) for i in range(len(sensors))
+        }
+        self._settled = 0
+        self._begin_block(0)
+
+    def __iter__(self) -> Iterator[Judge]:
+        return iter(self._judges)
+
+    @property
+    def suspect(self) -> bool:
+        """True while an inertial axis that seems wrong may be right, because another sensor is wrong."""
+        return any(judge.suspect for judge in self._judges)
+
+    def forget(self, stamp: int) -> None:
+        """The filter begins anew, at a time [ns]."""
+        self._begin_block(0)
+        for judge in self._judges:
+            judge.forget(stamp)
+
+    def hear(self, event: Event) -> None:
+        """Take in a message, in order of arrival; what is not believed of it is changed in it."""
+        if event.sensor != self._inertial:
+            for hear in self._listeners[event.sensor]:
+                hear(event)
+            return
+        self._block.append(event.value)
+        if not 0 <= event.stamp - self._begun < JUDGES.block:
+            self._feel(event.stamp)
+
+    def _feel(self, stamp: int) -> None:
+        """End a block of inertial messages, at a time [ns]."""
+        passed, block = stamp - self._begun, self._block
+        self._begin_block(stamp)
+        if 0 <= passed < JUDGES.longest:
+            felt = self._into_car(np.add.reduce(block) / len(block)).tolist()
+            for judge in self._judges:
+                judge.feel(stamp, passed * 1e-9, felt)
+
+    def _begin_block(self, stamp: int) -> None:
+        self._block: list[Array] = []
+        self._begun = stamp
+
+    def settle(self, timeline: Timeline) -> bool:
+        """Let all judges do what follows, if it is time; True if they did."""
+        if not self._judges or 0 <= timeline.stamp - self._settled < JUDGES.between:
+            return False
+        self._settled = timeline.stamp
+        for judge in self._judges:
+            judge.settle(timeline)
+        return True
 
 
 def into_axes_of_car(sensors: Sequence[SensorBase], place: int) -> Callable[[Array], Array]:

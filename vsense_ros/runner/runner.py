@@ -28,6 +28,7 @@ from vsense_ros.observer.monitor import Limits, Monitor
 from vsense_ros.runner.adapter import Adapter, MakeFilter, Move, Report, Widening, adapter_of
 from vsense_ros.runner.direction_judge import DirectionJudge
 from vsense_ros.runner.guard import Guard
+from vsense_ros.runner.judge import Judges
 from vsense_ros.runner.placement import Place, Placement
 from vsense_ros.runner.resets import Resets
 from vsense_ros.runner.steering_judge import SteeringJudge
@@ -37,7 +38,6 @@ from vsense_ros.runner.vote_settings import VOTE
 
 Array = NDArray[np.float64]
 
-_BETWEEN_JUDGEMENTS = 20_000_000  # [ns] about whole sensors
 _NEWS = 5_000_000_000  # [ns] for which a reset is reported
 
 
@@ -82,8 +82,7 @@ class Runner:
             SteeringJudge(adapter, self.vote, len(channels), self._complain),
             TravelJudge(adapter, self.intake, self.vote, direction, len(channels)),
         )
-        self._judged_at = 0
-        self.judges = tuple(judge for judge in judges if judge.judged)
+        self.judges = Judges(tuple(self.sensors.values()), judges)
         self._timeline = Timeline(
             self.filter,
             [*channels, Channel("shift", 0.0, by_hand=True)],
@@ -162,8 +161,7 @@ class Runner:
                     continue
                 self.intake.believe(index, sample.stamp)
                 self.adapter.measured(event)
-                for judge in self.judges:
-                    judge.hear(event)
+                self.judges.hear(event)
                 if self._timeline.add(event):
                     self.health[index].late += 1
                 self._settle()
@@ -192,11 +190,8 @@ class Runner:
             for move in self.resets.asked():
                 self._shift(move)
         vote = self.vote
-        if self.judges and not 0 <= self.stamp - self._judged_at < _BETWEEN_JUDGEMENTS:
-            self._judged_at = self.stamp
-            for judge in self.judges:
-                judge.settle(self._timeline)
-            vote.wait = any(judge.suspect for judge in self.judges)
+        if self.judges.settle(self._timeline):
+            vote.wait = self.judges.suspect
         if vote.due(self.stamp):
             vote.decide(self._timeline)
         while vote.returned:
@@ -224,8 +219,7 @@ class Runner:
         self.guard.begin(stamp)
         self._timeline.clear()
         self.vote.forget(stamp)
-        for judge in self.judges:
-            judge.forget(stamp)
+        self.judges.forget(stamp)
         self.resets.forget()
         if self.placement is not None:
             self.placement.forget()
@@ -263,8 +257,7 @@ class Runner:
         self.adapter.aged(age)
         self._timeline.begin(self.stamp)
         self.vote.forget(self.stamp)
-        for judge in self.judges:
-            judge.forget(self.stamp)
+        self.judges.forget(self.stamp)
         self.resets.forget()
         self.resets.tell(self.stamp, f"gone back to the state of {age:.1f} s before: {why}")
 
@@ -432,7 +425,7 @@ class Runner:
             return line
         for judge in self.judges:
             if index in judge.out:
-                return Diagnostic(line.name, Level.WARN, f"not believed: {judge.why}", line.values)
+                return Diagnostic(line.name, Level.ERROR, f"not believed: {judge.why}", line.values)
         parts = [f"{axes.words[axis]} {out.why}" for axis, out in axes.out.items()] if axes is not None else []
         if parts:
             return Diagnostic(line.name, max(Level.WARN, line.level), f"not believed: {', '.join(parts)}", line.values)

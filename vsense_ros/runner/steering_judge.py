@@ -32,6 +32,7 @@ class SteeringJudge(Judge):
         super().__init__()
         self._adapter, self._vote, self._shift, self._tell = adapter, vote, shift, tell
         self._witnesses = YawWitnesses(adapter.vehicle, adapter.sensors)
+        self.hears = self._witnesses.hears
         self.judged = self._witnesses.possible and adapter.steering_error is not None
         self._recent: deque[tuple[int, float]] = deque(maxlen=STEERING.kept)  # stamps [ns] and angles [rad]
         self._wait = WITNESSES.agreed
@@ -54,7 +55,7 @@ class SteeringJudge(Judge):
         return not self.out and self._witnesses.suspects_steering
 
     def hear(self, event: Event) -> None:
-        self._witnesses.hear(event, self._motion)
+        self._witnesses.hear(event)
         if event.sensor == self.place:
             angle = event.value.item(0)
             self._recent.append((event.stamp, angle))
@@ -65,10 +66,10 @@ class SteeringJudge(Judge):
             else:
                 self._given = angle, event.stamp
 
-    def _motion(self) -> tuple[float, float]:
-        """Speed [m/s] and steering offset [rad] of the filter; the latter from before the steering was left out."""
+    def feel(self, stamp: int, h: float, felt: list[float]) -> None:
         adapter = self._adapter
-        return adapter.forward_speed, self._offset if self.out else adapter.steering_offset()
+        offset = self._offset if self.out else adapter.steering_offset()  # the one from before it was left out
+        self._witnesses.feel(stamp, h, felt, adapter.forward_speed, offset)
 
     def _is_jump(self, angle: float, stamp: int) -> bool:
         """True if no driver steers so far from the last angle, until the witnesses have had time to decide."""

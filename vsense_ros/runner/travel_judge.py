@@ -26,6 +26,8 @@ class TravelJudge(Judge):
         self._adapter, self._intake, self._vote, self._direction = adapter, intake, vote, direction
         self._shift = shift
         self.witnesses = VelocityWitnesses(adapter.vehicle, adapter.sensors)
+        found = self.witnesses
+        self.hears = frozenset((found.wheels, found.velocity, found.position))
         self.judged = self.witnesses.possible and adapter.knows_car
         self._wait: dict[int, float] = {}  # how long each must agree next time [s]
 
@@ -58,6 +60,9 @@ class TravelJudge(Judge):
             if since and (timeline.stamp - since) * 1e-9 >= wait:
                 self.out.discard(index)
                 self._wait[index] = min(2 * wait, SETTINGS.longest)
+
+    def feel(self, stamp: int, h: float, felt: list[float]) -> None:
+        self.witnesses.feel(stamp, felt)
 
     def _heading(self) -> float:
         return self._adapter.heading

@@ -24,7 +24,6 @@ from vsense_ros.estimation.timeline import Event
 from vsense_ros.model.handling.base import car_numbers
 from vsense_ros.model.sensors import SensorBase, place_of
 from vsense_ros.model.vehicle import Vehicle
-from vsense_ros.runner.judge import into_axes_of_car
 
 
 @dataclass(frozen=True)
@@ -33,7 +32,7 @@ class VelocityWitnessSettings:
     of this project."""
 
     windows: tuple[float, ...] = (1.0, 3.0, 10.0)  # [s] over which displacements are compared
-    period: float = 0.1  # [s] between comparisons
+    period: float = 0.3  # [s] between comparisons
     longest_gap: float = 1.5  # [s] between two messages that are still one way
     share: float = 0.03  # [-] of the way: radius, slip, side slip
     speed: float = 0.3  # [m/s] slip, and stamps that are early or late while the speed changes
@@ -41,12 +40,12 @@ class VelocityWitnessSettings:
     averaged: int = 8  # [-] positions
     restart: float = 10.0  # [m] by which a position jumps, or the way of the velocities begins anew
     evidence: float = 4.5  # [-] logarithm of the ratio of likelihoods that decides between wheels and velocity
-    confirmed: int = 3  # [-] comparisons in a row that give the same verdict
+    confirmed: int = 1  # [-] further comparisons in a row that give the same verdict
     before: float = (
         2.0  # [s] before a contradiction, from which on inertial axes were left out that may have been right
     )
     longest_wait: float = 3.0  # [s] in which no inertial axis is left out, as one of the witnesses may be wrong
-    felt: float = 0.02  # [s] between looks at wheels and inertial sensor
+    between: float = 0.045  # [s] between wheel speeds of which the way is made
     sliding: float = 3.0  # [m/s²] longitudinal acceleration from which on wheels may slide, until
     rolling_again: float = 0.5  # [s] later
     agreed: float = 2.0  # [s] of agreement after which a sensor is believed again; twice as long each time, up
@@ -151,8 +150,6 @@ class VelocityWitnesses:
         self.wheels = place_of(self._sensors, "rolling speed")
         self.velocity = place_of(self._sensors, "course")
         self.position = place_of(self._sensors, "position")
-        self._inertial = place_of(self._sensors, "rates and forces")
-        self._into_car = into_axes_of_car(self._sensors, self._inertial)
         self._radius = car_numbers(vehicle)["rear_radius"]
         self.forget()
 
@@ -170,7 +167,7 @@ class VelocityWitnesses:
         self._offsets = {i: deque[tuple[float, float]](maxlen=SETTINGS.averaged) for i in compared}
         self._offset_ways = {i: Way() for i in compared}
         self._compared = self._streak = 0
-        self._felt = self._sliding_until = 0  # [ns]
+        self._sliding_until = 0  # [ns]
         self._suspect: int | None = None
         self.wrong: int | None = None
         self.opposite = False
@@ -181,14 +178,9 @@ class VelocityWitnesses:
     def hear(self, event: Event, heading_of: Callable[[], float]) -> None:
         """Take in a message; `heading_of` gives the heading of the filter [rad]."""
         index = event.sensor
-        if index == self._inertial:
-            self._feel(event)
-            return
-        way = self._ways.get(index)
-        if way is None:
-            return
+        way = self._ways[index]
         if index == self.wheels:
-            if 0 < event.stamp - way.newest < SETTINGS.felt * 1e9:
+            if 0 < event.stamp - way.newest < SETTINGS.between * 1e9:
                 return
             if event.stamp < self._sliding_until:
                 way.clear()
@@ -206,13 +198,11 @@ class VelocityWitnesses:
             self._compared = end
             self._compare(end)
 
-    def _feel(self, event: Event) -> None:
-        """Take in an inertial message: where brakes or engine act strongly, wheels may slide, and are not asked."""
-        if 0 <= event.stamp - self._felt < SETTINGS.felt * 1e9:
-            return
-        self._felt = event.stamp
-        if abs(self._into_car(event.value).item(3)) > SETTINGS.sliding:
-            self._sliding_until = event.stamp + int(SETTINGS.rolling_again * 1e9)
+    def feel(self, stamp: int, felt: list[float]) -> None:
+        """Take in an inertial reading (6) in the axes of the car: where brakes or engine act strongly, wheels may
+        slide, and are not asked."""
+        if abs(felt[3]) > SETTINGS.sliding:
+            self._sliding_until = stamp + int(SETTINGS.rolling_again * 1e9)
 
     def _locate(self, event: Event) -> None:
         """Take in a position: its noise is averaged over several, as offsets from the ways of wheels and velocity."""

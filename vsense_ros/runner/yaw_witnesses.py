@@ -19,7 +19,7 @@ steering, the steering is wrong.
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass
 from math import atan2, exp, hypot, isfinite, nan, pi, remainder
 
@@ -29,7 +29,6 @@ from vsense_ros.estimation.timeline import Event
 from vsense_ros.model.handling.base import car_numbers
 from vsense_ros.model.sensors import SensorBase, place_of
 from vsense_ros.model.vehicle import Vehicle
-from vsense_ros.runner.judge import into_axes_of_car
 
 
 @dataclass(frozen=True)
@@ -37,7 +36,6 @@ class YawWitnessSettings:
     """Margins and times of the direct witnesses; they were chosen such that no healthy recording of ours has a
     contradiction, and are decisions of this project."""
 
-    block: float = 0.02  # [s] in which inertial messages are averaged
     smoothing: float = 0.05  # [s] time constant of all witnesses, which arrive at different times
     settling: float = 10.0  # [s] in which a car comes to a steady turn
     slowest: float = 3.0  # [m/s] below which nothing is judged
@@ -72,7 +70,7 @@ _CRAWLING = 0.1  # [m/s] for a division by the speed, far below the slowest that
 
 
 class YawWitnesses:
-    """The direct witnesses of one car's yaw rate; `hear` takes every message in order of arrival.
+    """The direct witnesses of one car's yaw rate; `hear` takes messages in order of arrival, `feel` inertial ones.
 
     `since` is the stamp [ns] since when the gyro has contradicted the steering; `wrong` is true once the steering is.
     """
@@ -80,10 +78,10 @@ class YawWitnesses:
     def __init__(self, vehicle: Vehicle, sensors: Mapping[str, SensorBase]) -> None:
         self._sensors = tuple(sensors.values())
         self.steering = place_of(self._sensors, "steering")
-        self._inertial = place_of(self._sensors, "rates and forces")
-        self._into_car = into_axes_of_car(self._sensors, self._inertial)
         self._wheels = place_of(self._sensors, "rolling speed")
         self._course = place_of(self._sensors, "course")
+        self.hears = frozenset((self.steering, self._wheels, self._course))
+        self._is_felt = place_of(self._sensors, "rates and forces") >= 0
         numbers = car_numbers(vehicle)
         self._offset_limit = WITNESSES.offsets * vehicle.observer.surroundings.steering_offset
         self._track, self._radius = 2 * numbers["rear_half_track"], numbers["rear_radius"]
@@ -95,12 +93,12 @@ class YawWitnesses:
     @property
     def possible(self) -> bool:
         """True if there is a steering angle, and a gyro that could contradict it."""
-        return min(self.steering, self._inertial) >= 0
+        return self._is_felt and self.steering >= 0
 
     def forget(self) -> None:
         """The filter begins anew."""
-        self._sum, self._count, self._from = np.zeros(6), 0, 0
-        self._angle = self._rolled = self._gyro = self._lateral = self._turned = nan
+        self._spins = np.full(4, nan)  # of the wheels [rad/s]
+        self._angle = self._gyro = self._lateral = self._turned = nan
         self._slip = self._rate = self._steered = nan  # lateral velocity and yaw rate of the single-track model
         self._largest = 0.0
         self._seen: deque[tuple[int, float, float, float, float]] = deque(maxlen=64)
@@ -122,15 +120,13 @@ class YawWitnesses:
         """True if the steering is wrong."""
         return self.contradiction > WITNESSES.wrong and self._support > 0
 
-    def hear(self, event: Event, motion: Callable[[], tuple[float, float]]) -> None:
-        """Take in a message; `motion` gives the speed [m/s] and the steering offset [rad] of the filter."""
+    def hear(self, event: Event) -> None:
+        """Take in a message of `hears`, which are all but inertial ones."""
         index = event.sensor
-        if index == self._inertial:
-            self._feel(event, motion)
-        elif index == self.steering:
+        if index == self.steering:
             self._steer(event.value.item(0), event.stamp)
         elif index == self._wheels:
-            self._rolled = self._radius * (event.value.item(3) - event.value.item(2)) / self._track
+            self._spins = event.value
         elif index == self._course:
             self._travel(event)
 
@@ -143,33 +139,20 @@ class YawWitnesses:
             self._jumped = stamp
         self._angle, self._angle_at = angle, stamp
 
-    def _feel(self, event: Event, motion: Callable[[], tuple[float, float]]) -> None:
-        stamp = event.stamp
-        passed = (stamp - self._from) * 1e-9
-        if not 0.0 <= passed < 1.0:
-            self._sum[:], self._count, self._from = 0.0, 0, stamp
-            passed = 0.0
-        self._sum += event.value
-        self._count += 1
-        if passed < WITNESSES.block:
-            return
-        value = self._sum / self._count
-        value = self._into_car(value)
-        self._sum[:], self._count, self._from = 0.0, 0, stamp
-        speed, offset = motion()
-        self._judge(stamp, passed, value.item(2), value.item(4), max(speed, _CRAWLING), offset)
-
-    def _judge(self, stamp: int, h: float, gyro: float, lateral: float, speed: float, offset: float) -> None:
-        """Compare all witnesses after a block of `h` [s]."""
+    def feel(self, stamp: int, h: float, felt: list[float], speed: float, offset: float) -> None:
+        """Compare all witnesses after a block of `h` [s] up to a time [ns]: the mean of the inertial sensor (6) in the
+        axes of the car, and the speed [m/s] and the steering offset [rad] of the filter."""
+        _, _, gyro, _, lateral, _ = felt
+        speed = max(speed, _CRAWLING)
         s = WITNESSES
         limit = self._offset_limit
         self._single_track(h, speed, self._angle - min(max(offset, -limit), limit))
         weight = 1.0 - exp(-h / s.smoothing)
-        for name, value in (
-            ("_gyro", gyro), ("_lateral", lateral / speed), ("_turned", self._rolled), ("_steered", self._rate),
-        ):  # fmt: skip
-            old = getattr(self, name)
-            setattr(self, name, old + weight * (value - old) if isfinite(old) else value)
+        self._gyro = _smoothed(self._gyro, gyro, weight)
+        self._lateral = _smoothed(self._lateral, lateral / speed, weight)
+        rolled = self._radius * (self._spins.item(3) - self._spins.item(2)) / self._track
+        self._turned = _smoothed(self._turned, rolled, weight)
+        self._steered = _smoothed(self._steered, self._rate, weight)
         self._largest *= exp(-h / s.remembered)
         self._largest = max(self._largest, abs(lateral), abs(gyro) * speed, 0.0)
         gyro, steered = self._gyro, self._steered
@@ -250,3 +233,8 @@ def _side(witness: float, gyro: float, least: float, largest: float, margin: flo
     with_gyro = abs(witness - gyro) <= margin
     with_steering = least - margin <= witness <= largest + margin
     return with_gyro - with_steering
+
+
+def _smoothed(old: float, new: float, weight: float) -> float:
+    """A value that goes on towards another one; at once if it is not known yet."""
+    return old + weight * (new - old) if isfinite(old) else new
