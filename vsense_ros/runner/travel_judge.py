@@ -49,7 +49,12 @@ class TravelJudge(Judge):
     def settle(self, timeline: Timeline) -> None:
         found = self.witnesses
         wrong = found.wrong
-        if wrong is not None and wrong not in self.out and self._adapter.heading_known and not self._is_refused(wrong):
+        if (
+            wrong is not None
+            and wrong not in self.out
+            and self._adapter.heading_known
+            and not self._is_refused(wrong, timeline.stamp)
+        ):
             if found.opposite:
                 self._reverse_wheels(timeline)
             else:
@@ -67,9 +72,11 @@ class TravelJudge(Judge):
     def _heading(self) -> float:
         return self._adapter.heading
 
-    def _is_refused(self, index: int) -> bool:
-        """True for a position that jumped: the gate refuses it, and the filter is moved there if it stays."""
-        return index == self.witnesses.position and self._intake.health[index].refused_in_a_row > 0
+    def _is_refused(self, index: int, now: int) -> bool:
+        """True for a position that has jumped of late: the gate refuses it, and the filter is moved there if it
+        stays."""
+        refused = self._intake.health[index].refused_to
+        return index == self.witnesses.position and now - refused < SETTINGS.windows[-1] * 1e9
 
     def _reverse_wheels(self, timeline: Timeline) -> None:
         """Take the wheel speeds with the other sign: most wheel sensors have none, and the car goes backwards."""
@@ -91,6 +98,7 @@ class TravelJudge(Judge):
         for event in ahead:
             if event.sensor == index:
                 event.without(list(range(len(event.value))))
-        if ahead:
-            widened = self._adapter.doubted_motion(found.apart_by, found.apart_by * SETTINGS.windows[0])
+        if ahead and index != found.position:
+            speed = min(found.apart_by, SETTINGS.doubted)
+            widened = self._adapter.doubted_motion(speed, speed * SETTINGS.windows[0])
             ahead[:0] = [widening_event(self._shift, ahead[0].stamp, one) for one in widened]
