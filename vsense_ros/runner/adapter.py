@@ -223,8 +223,8 @@ class Adapter(ABC):
         """Let an element of the state jump; its error has no correlation afterwards."""
         raise NotImplementedError
 
-    def turn_around(self) -> None:
-        """The car goes, and points, the other way: begin anew so."""
+    def turn_around(self, turned: bool) -> None:
+        """The car goes the other way, and points there if it is `turned`: begin anew so."""
         raise NotImplementedError
 
     def begin_anew(self, event: Event) -> bool:

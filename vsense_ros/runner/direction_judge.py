@@ -15,7 +15,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from math import exp, isfinite, nan
+from math import cos, exp, isfinite, nan, sin
 
 from vsense_ros.estimation.timeline import Event, Timeline
 from vsense_ros.model.handling.base import car_numbers
@@ -59,7 +59,8 @@ class DirectionJudge(Judge):
         self._steering = place_of(sensors, "steering")
         self._wheels = place_of(sensors, "rolling speed")
         self.judged = place_of(sensors, "rates and forces") >= 0 and adapter.knows_car
-        self.hears = frozenset((self._steering, self._wheels))
+        self._course = place_of(sensors, "course")
+        self.hears = frozenset((self._steering, self._wheels, self._course))
         self.reversed = False
         numbers = car_numbers(adapter.vehicle)
         self._length = numbers["to_front"] + numbers["to_rear"]
@@ -80,6 +81,7 @@ class DirectionJudge(Judge):
         self.evidence = 0.0
         self._time, self._sums = 0.0, (0.0, 0.0, 0.0)  # [s] of a block, and integrals of yaw rate and accelerations
         self._angle = self._speed = self._felt = nan  # the last is along the car, at rest [m/s²]
+        self._velocity = [nan, nan]  # over ground, east and north [m/s]
         self._rested = self._way = 0.0  # since it moved last [s], since it rested [m]
 
     def settle(self, timeline: Timeline) -> None:
@@ -87,15 +89,24 @@ class DirectionJudge(Judge):
             timeline.catch_up()
             if self._wheels >= 0:
                 self.reverse()
-            self._adapter.turn_around()
+            self._adapter.turn_around(self._is_turned())
             self._tell(timeline.stamp, "turned around: the car goes the other way")
             self.forget(timeline.stamp)
+
+    def _is_turned(self) -> bool:
+        """True if the car points the other way as well; false if GNSS saw it going the other way, so that the heading
+        was right."""
+        yaw, speed = self._adapter.heading, self._adapter.forward_speed
+        east, north = self._velocity
+        return not speed * (east * cos(yaw) + north * sin(yaw)) < 0
 
     def hear(self, event: Event) -> None:
         if self.reversed and event.sensor == self._wheels:
             event.value = -event.value
         if event.sensor == self._steering:
             self._angle = event.value.item(0)
+        elif event.sensor == self._course:
+            self._velocity = event.value.tolist()
 
     def feel(self, stamp: int, h: float, felt: list[float]) -> None:
         rate, along, across = self._sums

@@ -204,7 +204,7 @@ class CarAdapter(Adapter):
     def move(self, move: Move) -> None:
         self.filter.set_element(move.element, float(self.car.mean[move.element]) + move.by, move.deviation)
 
-    def turn_around(self) -> None:
+    def turn_around(self, turned: bool) -> None:
         filter, mean = self.filter, self.car.mean
         place, yaw, inputs = mean[[X, Y]].tolist(), mean.item(YAW), filter.inputs.copy()
         filter.start_rolling(-mean.item(FORWARD))
@@ -212,7 +212,7 @@ class CarAdapter(Adapter):
         for element, value in zip((X, Y), place, strict=True):
             filter.set_element(element, value, _TURNED_PLACE)
         if self.heading_known:
-            filter.set_element(YAW, yaw + np.pi, _TURNED_YAW)
+            filter.set_element(YAW, yaw + np.pi * turned, _TURNED_YAW)
         filter.linearize()
         self.timeline.forget_past()
 
