@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vsense_ros.estimation.timeline import Event, Timeline
+from vsense_ros.messages.diagnostic import Level
 from vsense_ros.model.sensors import SensorBase, place_of
 from vsense_ros.runner.adapter import Widening
 
@@ -31,11 +32,12 @@ JUDGES = JudgeSettings()
 
 class Judge(ABC):
     """One judge; `judged` is true if the car has the sensors for it, `hears` are the places of those whose messages it
-    takes, `out` the places of sensors that are not believed, and `why` says what for."""
+    takes, `out` the places of sensors that are not believed; `why` says what for, and `level` how bad that is."""
 
     judged: bool
     hears: frozenset[int]
     why: str = ""
+    level: Level = Level.WARN
     suspect: bool = False  # True while an inertial axis that seems wrong may be right, because another sensor is wrong
 
     def __init__(self) -> None:

@@ -425,7 +425,7 @@ class Runner:
             return line
         for judge in self.judges:
             if index in judge.out:
-                return Diagnostic(line.name, Level.ERROR, f"not believed: {judge.why}", line.values)
+                return Diagnostic(line.name, judge.level, f"not believed: {judge.why}", line.values)
         parts = [f"{axes.words[axis]} {out.why}" for axis, out in axes.out.items()] if axes is not None else []
         if parts:
             return Diagnostic(line.name, max(Level.WARN, line.level), f"not believed: {', '.join(parts)}", line.values)

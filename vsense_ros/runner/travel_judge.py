@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from vsense_ros.estimation.intake import Intake
 from vsense_ros.estimation.timeline import Event, Timeline
+from vsense_ros.messages.diagnostic import Level
 from vsense_ros.model.sensors import SensorBase
 from vsense_ros.runner.adapter import Adapter
 from vsense_ros.runner.direction_judge import DirectionJudge
@@ -18,6 +19,7 @@ class TravelJudge(Judge):
     those that are."""
 
     why = "contradicts the two others of wheels, velocity and position"
+    level = Level.ERROR  # as of a measurement that is refused for long
 
     def __init__(
         self, adapter: Adapter, intake: Intake[SensorBase], vote: Vote, direction: DirectionJudge, shift: int
