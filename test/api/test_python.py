@@ -135,7 +135,7 @@ def test_a_picture_is_drawn_and_written(result, tmp_path):
 
 
 def test_a_filter_step_by_step_gives_what_a_run_of_the_recording_gives():
-    """The same samples one by one as numbers, without messages: an own loop is as good as a recording."""
+    """A loop that gives the samples of a recording one by one, as numbers, gets the estimates of the recording."""
     recording, car = vs.read(f"{BAG}@0:4"), vs.load_vehicle(CAR)
     expected = run(recording, car, "error_ekf").output["vsense/odometry"]
     filter = vs.Filter(car, filter="error_ekf", map_origin=recording.map_origin)

@@ -4,11 +4,15 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from scipy.spatial.transform import Rotation
 
 from vsense_ros.model.coordinates import YAW
 from vsense_ros.model.schema.observer_settings import UnseenErrors
 from vsense_ros.model.vehicle import Vehicle
 from vsense_ros.observer.estimate import Estimate
+from vsense_ros.observer.unseen import turned
 from vsense_ros.runner import Runner
 
 NONE = UnseenErrors(rear_axle_direction=0.0, timing=0.0, yaw_rate=0.0, position_share=0.0, crossfall=0.0)
@@ -34,6 +38,13 @@ def test_side_slip_is_as_uncertain_as_the_direction_of_the_rear_axle(estimate) -
     added = unknown.side_slip[1] ** 2 - known.side_slip[1] ** 2
     assert added**0.5 == pytest.approx(0.01 * forward**2 / (forward**2 + lateral**2), rel=1e-6)
     assert unknown.pose_covariance[5, 5] - known.pose_covariance[5, 5] == pytest.approx(1e-4)
+
+
+@given(st.integers(0, 2**32 - 1))
+def test_a_vector_is_turned_as_scipy_turns_it(seed: int) -> None:
+    random = np.random.default_rng(seed)
+    rotation, vector = Rotation.random(rng=random), random.normal(size=3)
+    assert turned(rotation.as_quat(), vector) == pytest.approx(rotation.apply(vector), abs=1e-14)
 
 
 def test_a_state_is_as_uncertain_as_it_changes_within_the_error_of_the_time(estimate) -> None:  # type: ignore[no-untyped-def]

@@ -29,7 +29,7 @@ def car() -> Vehicle:
 
 
 def steady_yaw_rate(angle: float, speed: float) -> float:
-    """Of the linear single-track model in a steady turn (Mitschke 1990)."""
+    """Return the yaw rate of the linear single-track model in a steady turn (Mitschke 1990)."""
     return speed * angle / (wheelbase(car()) + understeer_gradient(car()) * speed**2)
 
 

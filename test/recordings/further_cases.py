@@ -28,8 +28,8 @@ HEAD = 'VERSION ""\nNS_ :\nBS_:\nBU_: X\n'
 
 def imu_output(message: str, **axes: str) -> dict:
     """An output of axes of imu/data [rad/s]."""
-    told = {axis: {"signals": signal, "unit": "rad/s", "standard_deviation": 0.01} for axis, signal in axes.items()}
-    return {"kind": "imu", "topic": "imu/data", "frame_id": "imu_link", "message": message, "axes": told}
+    of_axes = {axis: {"signals": signal, "unit": "rad/s", "standard_deviation": 0.01} for axis, signal in axes.items()}
+    return {"kind": "imu", "topic": "imu/data", "frame_id": "imu_link", "message": message, "axes": of_axes}
 
 
 def steering_output(message: str, signal: str, **more: object) -> dict:
@@ -60,8 +60,8 @@ def quality_flag(folder: Path) -> None:
     subject = decoder(folder, output, dbc=dbc)
     got = [len(subject.feed(frame(i, 64, struct.pack("<hB5x", 700, quality)))) for i, quality in enumerate((3, 0, 3))]
     assert got == [1, 0, 1]
-    (told,) = [d for d in subject.diagnostics(NOON * SECOND) if "TURN" in d.name]
-    assert told.values["angular_velocity_z is not valid by QF"] == "1"
+    (reported,) = [d for d in subject.diagnostics(NOON * SECOND) if "TURN" in d.name]
+    assert reported.values["angular_velocity_z is not valid by QF"] == "1"
 
 
 def one_signal_drops_the_frame(folder: Path) -> None:

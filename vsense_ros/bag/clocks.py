@@ -1,7 +1,7 @@
 """Clocks that begin anew or are set while they are recorded: counted on, or cut to the longer part, with a sentence.
 
 Loggers count microseconds or milliseconds in 16 or 32 bits; local time goes back by an hour when summer time ends; a
-computer without a battery begins in 1970 until somebody tells it the date.
+computer without a battery begins in 1970 until its date is set.
 """
 
 from __future__ import annotations
@@ -32,7 +32,7 @@ class ClockSettings:
     least_ahead: float = 86_400.0  # [s] ahead that are no pause
     least_rows_per_turn: int = 4  # rows from one wrap to the next
     slack: float = 20.0  # usual steps by which the step at a wrap or at the end of summer time may differ from them
-    hour_slack: float = 5.0  # [s] likewise
+    hour_slack: float = 5.0  # [s] by which the step at the end of summer time may differ in any case
     together: float = 2.0  # [s] by which the steps of arrival may differ from usual where only the stamps were set
 
 
@@ -125,7 +125,7 @@ def _cuts(stamp: Stamps) -> NDArray[np.intp]:
 def _longest_parts(
     channels: Mapping[str, Channel], cuts: Mapping[str, NDArray[np.intp]], notes: list[str]
 ) -> dict[str, Channel]:
-    """Of each channel the part that goes with the longest one of the channel that has the most messages."""
+    """Keep one part of each channel: the one whose times overlap those of the longest part of the largest channel."""
     leading = max(channels, key=lambda topic: len(channels[topic]))
 
     def length(topic: str, part: int) -> float:

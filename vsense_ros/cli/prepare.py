@@ -128,7 +128,7 @@ def check(context: click.Context, vehicle: str, recordings: tuple[Path, ...], as
         click.echo(json.dumps(found.as_dict(), indent=2))
     else:
         for sentence in found.sentences():
-            say(printable(f"Look at {sentence}."))
+            say(printable(f"Look at {sentence}{'' if sentence.endswith('?') else '.'}"))
         if found.is_good:
             say(f"Nothing looks wrong with {found.name}.")
     context.exit(0 if found.is_good else DOUBTFUL)

@@ -56,8 +56,11 @@ class Container:
         return made
 
     def parts(self, frames: Frames, lengths: NDArray[np.int64]) -> Iterator[tuple[Receiver, NDArray[np.intp], Frames]]:
-        """Of all frames of a log, (n, bytes) with lengths (n,): who listens, in which frames there is something for
-        it, and the data of that, each as long as its message or left out."""
+        """Unpack all frames of a log, (n, bytes) with lengths (n,).
+
+        Yields each receiver that a frame has a message for, the places of these frames, and the data of the messages;
+        one that is shorter than its receiver expects is left out.
+        """
         found: dict[int, tuple[list[int], list[bytes]]] = {identifier: ([], []) for identifier in self._receivers}
         for row, (frame, length) in enumerate(zip(frames, lengths.tolist(), strict=True)):
             for identifier, data in contained(frame[:length].tobytes()):

@@ -74,8 +74,8 @@ def identify(
     deviations = dict(prior)
     for i, recording in enumerate(recordings):
         now, deviations = _pass(recording, vehicle, now, deviations, part(progress, i, len(recordings) + 1))
-    told = {name: deviations[name] <= INFORMATION.determined_share * prior[name] for name in wanted}
-    if not any(told.values()):
+    determined = [name for name in wanted if deviations[name] <= INFORMATION.determined_share * prior[name]]
+    if not determined:
         raise InputError(
             "the drives tell none of the free parameters: "
             + "; ".join(
@@ -84,7 +84,6 @@ def identify(
             )
             + ". Brake and accelerate for the mass, drive bends up to the limit for the tyres"
         )
-    determined = [name for name in wanted if told[name]]
     changed = vehicle.with_parameters({name: now[name] for name in determined}).with_deviations(
         {name: deviations[name] for name in determined},
         "identified from " + ", ".join(recording.name for recording in recordings),
@@ -95,7 +94,7 @@ def identify(
             slips[recording.name] = (_side_slip(recording, vehicle), _side_slip(recording, changed))
     if progress is not None:
         progress(1.0)
-    rows = {name: (values[name], now[name], deviations[name], told[name]) for name in wanted}
+    rows = {name: (values[name], now[name], deviations[name], name in determined) for name in wanted}
     return CarIdentification(vehicle, changed, rows, slips)
 
 

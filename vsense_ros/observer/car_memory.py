@@ -30,6 +30,7 @@ from vsense_ros.observer.state import (
     largest_state,
     layout,
 )
+from vsense_ros.observer.unseen import receiver_noise
 from vsense_ros.observer.wheel_torques import BRAKING, PAIRS
 
 Array = NDArray[np.float64]
@@ -85,6 +86,7 @@ class CarMemory:
         self.layout = layout(sensors)
         self.names, self.sensors = self.layout.names, tuple(sensors)
         self.prior = Prior.of(vehicle, sensors) if prior is None else prior
+        self.receiver_noise = receiver_noise(self.sensor_list)
         self.car = car_of(vehicle)
         self.functions = model_functions(self.car)
         self._allocate(extra)

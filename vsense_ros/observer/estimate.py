@@ -32,7 +32,7 @@ from vsense_ros.model.sensors.wheel_speeds import NAMES as WHEEL_NAMES
 from vsense_ros.observer.car_blocks import CarBlocks
 from vsense_ros.observer.error_ekf import CarFilter
 from vsense_ros.observer.state import DISTURB, FORCE, TWIST
-from vsense_ros.observer.unseen import add_unseen, receiver_noise
+from vsense_ros.observer.unseen import add_unseen
 
 Array = NDArray[np.float64]
 
@@ -96,7 +96,7 @@ class Estimate:
         )
         _fill_variances(made, filter.car, covariance)
         car = filter.car
-        add_unseen(made, car.vehicle.observer.unseen, receiver_noise(car.sensor_list))
+        add_unseen(made, car.vehicle.observer.unseen, car.receiver_noise)
         return made
 
     @property
@@ -104,7 +104,7 @@ class Estimate:
         """Position of cog in the map, (3,) [m]."""
         return position_on_map(self.state, self.state[..., DISTURB])
 
-    @property
+    @cached_property
     def orientation(self) -> Array:
         """Orientation of the body in the map, a quaternion x, y, z, w (4,)."""
         return orientation_on_map(self.state, self.state[..., DISTURB])

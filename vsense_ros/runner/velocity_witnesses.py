@@ -41,9 +41,7 @@ class VelocityWitnessSettings:
     restart: float = 10.0  # [m] by which a position jumps, or the way of the velocities begins anew
     evidence: float = 4.5  # [-] logarithm of the ratio of likelihoods that decides between wheels and velocity
     confirmed: int = 1  # [-] further comparisons in a row that give the same verdict
-    before: float = (
-        2.0  # [s] before a contradiction, from which on inertial axes were left out that may have been right
-    )
+    before: float = 2.0  # [s] before a contradiction; inertial axes left out since then may have been right
     longest_wait: float = 3.0  # [s] in which no inertial axis is left out, as one of the witnesses may be wrong
     doubted: float = 2.0  # [m/s] by which a sensor that was wrong may have drawn the velocity, at most
     between: float = 0.045  # [s] between wheel speeds of which the way is made
