@@ -534,11 +534,19 @@ def test_a_run_gives_all_outputs_and_reports_progress(vehicle: Vehicle, lane_cha
         f"wheel_{what}/{wheel}" for what in ("force", "force_deviation", "slip") for wheel in ("fl", "fr", "rl", "rr")
     }
     assert set(result.output.channels) == {f"vsense/{name}" for name in expected}
-    rows = {len(channel) for channel in result.output.channels.values()}
-    assert rows == {len(result.output["vsense/odometry"])}
+    rows = len(result.output["vsense/odometry"])
+    assert {len(channel) for channel in result.output.channels.values()} == {rows}
     for channel in result.output.channels.values():
         assert np.all(np.diff(channel.stamp) > 0)
-        assert not any(np.isnan(column).any() for column in channel.columns.values())
+    absent = {
+        (name.removeprefix("vsense/"), column, place)
+        for name, channel in result.output.channels.items()
+        for column, values in channel.columns.items()
+        for place in np.flatnonzero(np.isnan(values.reshape(rows, -1)).any(axis=0)).tolist()
+    }
+    assert absent == {("odometry", "position", 2)}  # no sensor of this car measures a height
+    assert np.isnan(result.output["vsense/odometry"].columns["position"][:, 2]).all()
+    assert "the height of the road is absent" in " ".join(line.message for line in result.diagnostics)
 
 
 def test_wheel_torques_that_no_sensor_tells_are_found(vehicle: Vehicle, plant: Vehicle) -> None:

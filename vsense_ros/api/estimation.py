@@ -117,7 +117,8 @@ def estimate_task(
     """Estimate a recording that has been prepared; arguments and errors are those of `estimate`."""
     recording, car = task.recording, task.vehicle
     found = _run(recording, car, filter, smooth, lag, progress or (lambda share: None))
-    notes = tuple(sentence for sentence in (mounting_in_words(car),) if sentence)
+    absent = [f"{line.message}." for line in found.diagnostics if line.name == "observability"]
+    notes = tuple(sentence for sentence in (mounting_in_words(car), *absent) if sentence)
     compared = replace(found, output=at_reference(found.output, car))
     title = f"{recording.name}, {car.name}"
     drive = Drive.of(recording.name, title, recording, compared, vehicle=car, way="without ROS", notes=notes)

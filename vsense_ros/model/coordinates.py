@@ -86,5 +86,5 @@ DYNAMIC_COORDINATES = (Z, ROLL, PITCH, *range(TRAVEL.start, TRAVEL.stop))
 # What is told of each wheel: forces on the contact patch [N], aligning moment [N m], longitudinal slip [-], slip angle
 # and inclination angle [rad].
 WHEEL_OUTPUTS = ("force_x", "force_y", "force_z", "moment", "slip", "slip_angle", "inclination")
-FORCE_X, FORCE_Y, FORCE_Z, MOMENT = range(4)
+FORCE_X, FORCE_Y, FORCE_Z, MOMENT, SLIP = range(5)
 WHEEL_FORCES = slice(0, 3)

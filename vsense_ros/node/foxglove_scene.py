@@ -6,6 +6,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from math import atan2, cos, hypot, isfinite, pi, sin
 
+import numpy as np
 from foxglove.messages import (
     ArrowPrimitive,
     Color,
@@ -80,11 +81,12 @@ class Scene:
 
     def _on_odometry(self, sample: Sample) -> list[tuple[str, SceneUpdate]]:
         place = sample.values["position"].tolist()
-        if not isfinite(sum(place)):  # the filter estimates none
+        if not isfinite(place[0] + place[1]):  # the filter estimates none
             return []
+        height = place[2] if isfinite(place[2]) else 0.0
         last = self._path[-1] if self._path else None
         if last is None or hypot(place[0] - last[0], place[1] - last[1]) > SETTINGS.path_step:
-            self._path.append((place[0], place[1], place[2]))
+            self._path.append((place[0], place[1], height))
             if len(self._path) > SETTINGS.longest_path:
                 del self._path[1::2]
         if len(self._path) < 2 or 0 <= sample.stamp - self._path_told < SETTINGS.path_every:
@@ -102,7 +104,7 @@ class Scene:
         return [(PATH, SceneUpdate(entities=[entity]))]
 
     def _on_force(self, sample: Sample, wheel: str) -> list[tuple[str, SceneUpdate]]:
-        x, y, z = sample.values["force"].tolist()
+        x, y, z = np.nan_to_num(sample.values["force"]).tolist()  # a component that is absent is not drawn
         self._forces[wheel] = (x, y, z)
         if len(self._forces) < len(WHEELS) or wheel != WHEELS[-1]:
             return []

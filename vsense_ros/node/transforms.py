@@ -9,6 +9,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from math import asin, atan2, cos, sin
 
+import numpy as np
 from scipy.spatial.transform import Rotation
 
 from vsense_ros.messages.cdr_messages import Transform, encode_transforms
@@ -84,11 +85,12 @@ class Transforms:
         return encode_transforms(0, [self._of(frame) for frame in fixed_frames(self._vehicle)])
 
     def moving(self, odometry: Sample, steering: float) -> bytes:
-        """Where the car is, by an estimate's message, and which way its front wheels point [rad]."""
+        """Where the car is, by an estimate's message, and which way its front wheels point [rad]; a coordinate that
+        the estimate lacks is zero."""
         values = odometry.values
         roll, pitch, yaw = _angles(*values["orientation"].tolist())
         arm = _turned(self._base_in_cog, roll, pitch, yaw)
-        east, north, up = (p + a for p, a in zip(values["position"].tolist(), arm, strict=True))
+        east, north, up = (p + a for p, a in zip(np.nan_to_num(values["position"]).tolist(), arm, strict=True))
         (u, v, w), (p, q, r) = values["linear"].tolist(), values["angular"].tolist()
         x, y, z = self._base_in_cog
         velocity = (u + q * z - r * y, v + r * x - p * z, w + p * y - q * x)

@@ -20,6 +20,7 @@ from vsense_ros.model.coordinates import (
     GRADE_CHANGE,
     RATES,
     ROAD_HEIGHT,
+    SLIP,
     SPIN,
     STEERING_OFFSET,
     VELOCITY,
@@ -31,6 +32,7 @@ from vsense_ros.model.coordinates import (
 from vsense_ros.model.sensors.wheel_speeds import NAMES as WHEEL_NAMES
 from vsense_ros.observer.car_blocks import CarBlocks
 from vsense_ros.observer.error_ekf import CarFilter
+from vsense_ros.observer.observable import undetermined
 from vsense_ros.observer.state import DISTURB, FORCE, TWIST
 from vsense_ros.observer.unseen import add_unseen
 
@@ -73,6 +75,7 @@ class Estimate:
     # low-passed; NaN while it is not heard.
     unbalanced: Array = field(default_factory=lambda: np.full(6, np.nan))
     longitudinal_shares: Array = field(default_factory=lambda: np.zeros(4))  # as `CarMemory`
+    undetermined: Array = field(default_factory=lambda: np.zeros(2, dtype=bool))  # as `observable.undetermined`
 
     @classmethod
     def of(cls, stamp: int, filter: CarFilter) -> Estimate:
@@ -93,6 +96,7 @@ class Estimate:
             np.empty((6, 6)),
             np.empty((4, 4)),
             longitudinal_shares=filter.car.longitudinal_shares.copy(),
+            undetermined=undetermined(filter.car, covariance),
         )
         _fill_variances(made, filter.car, covariance)
         car = filter.car
@@ -292,16 +296,27 @@ def _shares(load: Array) -> Array:
 
 
 def estimate_samples(e: Estimate) -> list[Sample]:
-    """An estimate as the messages of the output topics; of `stacked` ones, fields have one row for each."""
+    """An estimate as the messages of the output topics; of `stacked` ones, fields have one row for each.
+
+    What is not determined is NaN, with the variance `UNTOLD` where the message has one.
+    """
     rows = e.velocity.shape[:-1]
-    wheels, deviations, absent = e.wheels, e.wheel_deviations, np.zeros((*rows, 0))
+    absent = np.zeros((*rows, 0))
+    forces_absent, height_absent = e.undetermined[..., 0, None], e.undetermined[..., 1]
+    wheels, deviations = e.wheels.copy(), e.wheel_deviations
+    for part in (wheels[..., FORCE_X, :], deviations[..., FORCE_X, :], wheels[..., SLIP, :]):
+        part[:] = np.where(forces_absent, np.nan, part)
+    position, pose_covariance = e.position.copy(), e.pose_covariance.copy()
+    position[..., 2] = np.where(height_absent, np.nan, position[..., 2])
+    pose_covariance[height_absent, 2, :] = pose_covariance[height_absent, :, 2] = 0.0
+    pose_covariance[height_absent, 2, 2] = messages.UNTOLD
     unbalanced = {"force": e.unbalanced[..., :3], "torque": e.unbalanced[..., 3:]}
     samples = [
         messages.odometry(
             e.stamp,
-            e.position,
+            position,
             e.orientation,
-            e.pose_covariance,
+            pose_covariance,
             e.velocity,
             e.rates,
             e.twist_covariance,
@@ -317,7 +332,7 @@ def estimate_samples(e: Estimate) -> list[Sample]:
             "vsense/wheel_torques",
             "sensor_msgs/msg/JointState",
             e.stamp,
-            {"position": absent, "velocity": absent, "effort": e.wheel_torques},
+            {"position": absent, "velocity": absent, "effort": np.where(forces_absent, np.nan, e.wheel_torques)},
             names=WHEEL_NAMES,
         ),
     ]

@@ -23,6 +23,7 @@ from vsense_ros.observer.beginning import Beginning, Start
 from vsense_ros.observer.error_ekf import CarFilter
 from vsense_ros.observer.estimate import Estimate, estimate_samples, stacked
 from vsense_ros.observer.monitor import Limits, Monitor
+from vsense_ros.observer.observable import needs, undetermined
 from vsense_ros.observer.road_map import RoadMap
 from vsense_ros.observer.sensors import check_sensors
 from vsense_ros.observer.spi import Spi
@@ -279,6 +280,8 @@ class CarAdapter(Adapter):
 
     def diagnostics(self) -> list[Diagnostic]:
         lines = [Diagnostic("effects", Level.WARN, self.left_out)] if self.left_out else []
+        if absent := needs(undetermined(self.car, self.filter.belief().covariance)):
+            lines.append(Diagnostic("observability", Level.OK, absent))
         if isinstance(self.filter, Spi):
             lines.append(_parameters(self.filter))
         if self.monitor is not None and self.monitor.limits is not None:
