@@ -16,8 +16,8 @@ export OMP_NUM_THREADS ?= 1
 export OPENBLAS_NUM_THREADS ?= 1
 
 .DEFAULT_GOAL := help
-.PHONY: own-car help venv check test exam lint docs format house demo bench best thesis genesis road truth leung blind recordings bags \
-	hw-tools hw hw-timing arm accelerator vehicle fuzz release clean
+.PHONY: own-car help venv check test exam lint docs format house demo bench bench-against best thesis genesis road truth \
+	leung blind recordings bags hw-tools hw hw-timing arm accelerator vehicle fuzz release clean
 
 help: ## this list
 	@awk -F ':.*## ' '/^[a-z-]+:.*## / { printf "  make %-11s %s\n", $$1, $$2 }' $(MAKEFILE_LIST)
@@ -63,6 +63,12 @@ demo: venv ## the recorded drives through the ROS processes: tables, pictures, r
 bench: venv ## benchmarks to out/bench.json and BENCHMARKS.md
 	$(VENV)/bin/python -m pytest test/benchmark --benchmark-enable --benchmark-json=out/bench.json
 	$(VENV)/bin/python tools/benchmarks.py out/bench.json BENCHMARKS.md
+
+# AGAINST="--quick" takes a part of it, within two minutes on an idle machine.
+REVISION ?= $(shell git describe --tags --abbrev=0 2>/dev/null || git rev-list -1 --before=yesterday HEAD)
+AGAINST ?=
+bench-against: venv ## this checkout beside another REVISION, timed in turn: ratios, to out/bench.json
+	$(VENV)/bin/python tools/bench_against.py "$(REVISION)" $(AGAINST)
 
 genesis: venv ## the observer on the third Genesis lap, with parameters from the two others, to out/genesis.json
 	$(VENV)/bin/python -m studies genesis

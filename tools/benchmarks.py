@@ -15,6 +15,7 @@ from typing import Any
 
 import matplotlib
 import numpy as np
+from bench_against import duration
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from scipy.stats import binomtest
@@ -59,6 +60,12 @@ measured in the same run: machines differ, and are noisy.
 
 | | median | smallest | ratio | at most | thesis |
 |---|---|---|---|---|---|"""
+AGAINST_HEAD = """## Against {revision}
+
+Times of this version over those of {revision}, measured in turn (`make bench-against REVISION={revision}`).
+
+| part | ratio |
+|---|---|"""
 YARDSTICK = "test_general_filter[filterpy_ekf]"
 
 # examination.json of the last release, examination.release_<number>.json of earlier ones.
@@ -129,14 +136,6 @@ where the two are far apart, the machine was busy with something else.
 """
 
 
-def duration(seconds: float) -> str:
-    """In the unit that leaves one to three digits before the point."""
-    for unit, scale in (("µs", 1e6), ("ms", 1e3)):
-        if seconds * scale < 1000:
-            return f"{seconds * scale:.3g} {unit}"
-    return f"{seconds:.3g} s"
-
-
 def extra(info: dict[str, Any]) -> str:
     """What a benchmark told beside its time, in words."""
     words = {
@@ -174,6 +173,13 @@ def steps(benchmarks: list[dict[str, Any]]) -> list[str]:
             ratio = f"{stats['median'] / yardstick['median']:.2g}" if yardstick else ""
             rows.append(f"| {step.words} | {times} | {ratio} | {target} | {step.thesis} |")
     return [STEPS_HEAD, *rows, ""] if rows else []
+
+
+def against(results: dict[str, Any]) -> list[str]:
+    """The table of ratios to another revision that `make bench-against` has left in the JSON."""
+    ratios = results.get("against", {})
+    rows = [f"| {part} | {ratio:.2f} |" for part, ratio in ratios.items()]
+    return [AGAINST_HEAD.format(revision=results["against_revision"]), *rows, ""] if rows else []
 
 
 def bodies(benchmarks: list[dict[str, Any]]) -> dict[str, tuple[list[int], list[float]]]:
@@ -306,6 +312,7 @@ def render(results: dict[str, Any], picture: Path, scores: dict[str, Any] | None
     the examination's release split."""
     lines = [HEAD + f"Machine: {machine(results['machine_info'])}.", ""]
     lines += steps(results["benchmarks"])
+    lines += against(results)
     lines += growth(results["benchmarks"], picture)
     lines += examination(scores) if scores else []
     others = [b for b in results["benchmarks"] if b["name"] not in {step.benchmark for step in STEPS}]
