@@ -16,13 +16,13 @@ from collections.abc import Iterator, Sequence
 import numpy as np
 from numpy.typing import NDArray
 
+from vsense_ros.estimation.regression import Posterior, posterior
 from vsense_ros.model.handling.base import slopes, static_loads
 from vsense_ros.model.sensors import Imu, Steering, WheelSpeeds
 from vsense_ros.model.sensors.gnss import Antenna, Receiver
 from vsense_ros.model.vehicle import Vehicle
 from vsense_ros.prepare.calibrated import Calibrated, Change
 from vsense_ros.prepare.calibration_drive import CALIBRATION, CalibrationDrive
-from vsense_ros.prepare.regression import Posterior, posterior
 
 Array = NDArray[np.float64]
 

@@ -12,13 +12,13 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
+from vsense_ros.estimation.regression import Posterior, posterior
 from vsense_ros.model.constants import GRAVITY
 from vsense_ros.model.sensors import Imu
 from vsense_ros.model.vehicle import Vehicle
 from vsense_ros.prepare.calibrate_course import compliance, relative_compliance
 from vsense_ros.prepare.calibrated import Calibrated, Change
 from vsense_ros.prepare.calibration_drive import CalibrationDrive
-from vsense_ros.prepare.regression import Posterior, posterior
 
 Array = NDArray[np.float64]
 

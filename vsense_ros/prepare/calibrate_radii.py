@@ -7,11 +7,11 @@ from collections.abc import Iterator, Sequence
 import numpy as np
 from numpy.typing import NDArray
 
+from vsense_ros.estimation.regression import posterior
 from vsense_ros.model.simulation.closed_loop import rolling_radii
 from vsense_ros.model.vehicle import Vehicle
 from vsense_ros.prepare.calibrated import Calibrated, Change
 from vsense_ros.prepare.calibration_drive import CALIBRATION, CalibrationDrive
-from vsense_ros.prepare.regression import posterior
 
 Array = NDArray[np.float64]
 

@@ -11,12 +11,12 @@ from collections.abc import Iterator, Sequence
 import numpy as np
 from numpy.typing import NDArray
 
+from vsense_ros.estimation.regression import posterior
 from vsense_ros.model.sensors import Steering
 from vsense_ros.model.vehicle import Vehicle
 from vsense_ros.prepare.calibrate_course import compliance, relative_compliance
 from vsense_ros.prepare.calibrated import Calibrated, Change
 from vsense_ros.prepare.calibration_drive import CalibrationDrive
-from vsense_ros.prepare.regression import posterior
 
 Array = NDArray[np.float64]
 

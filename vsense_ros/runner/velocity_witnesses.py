@@ -16,7 +16,7 @@ from __future__ import annotations
 from bisect import bisect_right
 from collections import deque
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from math import copysign, cos, hypot, isfinite, nan, sin, sqrt
 from typing import NamedTuple
 
@@ -136,6 +136,27 @@ class Way:
         return last[0] - first[0], last[1] - first[1]
 
 
+@dataclass
+class _Comparison:
+    """Pairs of witnesses, by their places, whose displacements are apart or agree over any of the windows; those that
+    are apart over a short one, `lately`; and by how much at most [m/s].
+
+    `evidence` is the logarithm of the ratio of likelihoods of velocity and wheels, positive against the wheels;
+    `opposite` is true if wheels that go the other way would agree with the velocity.
+    """
+
+    apart: set[frozenset[int]] = field(default_factory=set)
+    together: set[frozenset[int]] = field(default_factory=set)
+    lately: set[frozenset[int]] = field(default_factory=set)
+    apart_by: float = 0.0
+    evidence: float = 0.0
+    opposite: bool = False
+
+    def agrees(self, index: int) -> bool:
+        """True if a witness agrees with another one and has not contradicted any of late."""
+        return not any(index in pair for pair in self.lately) and any(index in pair for pair in self.together)
+
+
 class VelocityWitnesses:
     """Wheels, velocity and position of one car; `hear` takes every message in order of arrival.
 
@@ -231,51 +252,55 @@ class VelocityWitnesses:
 
     def _compare(self, end: int) -> None:
         """Compare the ways up to the time [ns] that all of them have come to."""
-        apart: set[frozenset[int]] = set()
-        together: set[frozenset[int]] = set()
-        lately: set[frozenset[int]] = set()  # apart within a short time
-        wheels, velocity, position = self._ways
-        opposite, self.apart_by, evidence = False, 0.0, 0.0
+        seen = _Comparison()
         for window in SETTINGS.windows:
-            begin = end - int(window * 1e9)
-            ways = {i: way.between(begin, end) for i, way in self._ways.items()}
-            positions = {i: self._position(i, ways[i], begin, end) for i in (wheels, velocity)}
-            for pair, other in (
-                ((wheels, velocity), ways[velocity]),
-                ((wheels, position), positions[wheels]),
-                ((velocity, position), positions[velocity]),
-            ):
-                one = ways[pair[0]]
-                if one is None or other is None:
-                    continue
-                if not self._contradict(pair, one, other, window):
-                    together.add(frozenset(pair))
-                    continue
-                apart.add(frozenset(pair))
-                self.apart_by = max(self.apart_by, _length(one, other) / window)
-                if window < SETTINGS.windows[-1]:
-                    lately.add(frozenset(pair))
-                if pair == (wheels, velocity):
-                    against = self._far(one, positions[wheels]) - self._far(other, positions[velocity])
-                    evidence = max(evidence, against, key=abs)
-                    opposite = opposite or not self._contradict(pair, (-one[0], -one[1]), other, window)
-        together -= apart
+            self._compare_over(window, end, seen)
+        seen.together -= seen.apart
+        self.apart_by = seen.apart_by
+        self.since = (self.since or end) if seen.apart else 0
         now = max(way.newest for way in self._ways.values())
-        self.since = (self.since or end) if apart else 0
-        suspect = None
-        if abs(evidence) > SETTINGS.evidence:
-            suspect = wheels if evidence > 0 else velocity
-        elif frozenset((wheels, velocity)) in together and all(
-            frozenset((i, position)) in apart for i in (wheels, velocity)
-        ):
-            suspect = position
         for i in self._ways:
-            agrees = not any(i in pair for pair in lately) and any(i in pair for pair in together)
-            self.agreed[i] = (self.agreed[i] or now) if agrees else 0
+            self.agreed[i] = (self.agreed[i] or now) if seen.agrees(i) else 0
+        suspect = self._suspected(seen)
         self._streak = self._streak + 1 if suspect is not None and suspect == self._suspect else 0
         self._suspect = suspect
         self.wrong = suspect if self._streak >= SETTINGS.confirmed else None
-        self.opposite = self.wrong == wheels and opposite
+        self.opposite = self.wrong == self.wheels and seen.opposite
+
+    def _compare_over(self, window: float, end: int, seen: _Comparison) -> None:
+        """Compare the displacements over a window [s] up to a time [ns]."""
+        wheels, velocity, position = self._ways
+        begin = end - int(window * 1e9)
+        ways = {i: way.between(begin, end) for i, way in self._ways.items()}
+        positions = {i: self._position(i, ways[i], begin, end) for i in (wheels, velocity)}
+        for pair, other in (
+            ((wheels, velocity), ways[velocity]),
+            ((wheels, position), positions[wheels]),
+            ((velocity, position), positions[velocity]),
+        ):
+            one = ways[pair[0]]
+            if one is None or other is None:
+                continue
+            if not self._contradict(pair, one, other, window):
+                seen.together.add(frozenset(pair))
+                continue
+            seen.apart.add(frozenset(pair))
+            seen.apart_by = max(seen.apart_by, _length(one, other) / window)
+            if window < SETTINGS.windows[-1]:
+                seen.lately.add(frozenset(pair))
+            if pair == (wheels, velocity):
+                against = self._far(one, positions[wheels]) - self._far(other, positions[velocity])
+                seen.evidence = max(seen.evidence, against, key=abs)
+                seen.opposite = seen.opposite or not self._contradict(pair, (-one[0], -one[1]), other, window)
+
+    def _suspected(self, seen: _Comparison) -> int | None:
+        """The place of the sensor that a comparison shows to be wrong; None if it shows none."""
+        if abs(seen.evidence) > SETTINGS.evidence:
+            return self.wheels if seen.evidence > 0 else self.velocity
+        others = self.wheels, self.velocity
+        if frozenset(others) in seen.together and all(frozenset((i, self.position)) in seen.apart for i in others):
+            return self.position
+        return None
 
     def _position(
         self, index: int, way: tuple[float, float] | None, begin: int, end: int

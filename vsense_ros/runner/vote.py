@@ -47,7 +47,7 @@ Array = NDArray[np.float64]
 FROZEN = "is frozen"
 
 
-class Found(NamedTuple):
+class Ballot(NamedTuple):
     """A vote of the others without some axes of a sensor: `gain` is Δ, `disagreement` the mean of the squares of the
     whitened innovations of that sensor which agrees least."""
 
@@ -285,22 +285,32 @@ class Vote:
         )
 
     def decide(self, timeline: Timeline) -> None:
-        """Go back to before an axis froze; or take a vote, and if an axis is wrong, go back to before it was
+        """Go back to before an axis froze or jumped; or take a vote, and if an axis is wrong, go back to before it was
         believed."""
+        if self._frozen or self._jumped:
+            self._without_broken(timeline)
+            self._frozen.clear()
+            self._jumped.clear()
+        else:
+            self._take_vote(timeline)
+
+    def _without_broken(self, timeline: Timeline) -> None:
+        """Leave out the axes that froze or jumped."""
         now = timeline.stamp
         for axes, axis, value in self._frozen:
             self._take_out(axes, axis, now, FROZEN, now)
             self._undo(timeline, now - VOTE.look_back, axes, axis, value)
-        if self._jumped and not self._frozen and self._jump_of_steering(timeline, now - VOTE.redone_after_jump):
-            self._jumped.clear()
+        since = now - VOTE.redone_after_jump
+        if self._jumped and not self._frozen and self._jump_of_steering(timeline, since):
             return
         for axes, axis in self._jumped:
-            self._take_out(axes, axis, now - VOTE.redone_after_jump, "jumped away from all others", now)
-            self._undo(timeline, now - VOTE.redone_after_jump, axes, axis)
-        if self._frozen or self._jumped:
-            self._frozen.clear()
-            self._jumped.clear()
-            return
+            self._take_out(axes, axis, since, "jumped away from all others", now)
+            self._undo(timeline, since, axes, axis)
+
+    def _take_vote(self, timeline: Timeline) -> None:
+        """Filter again what was measured since the alarm, with and without each axis, and leave out those that are
+        wrong."""
+        now = timeline.stamp
         since = max(self._alarm or 0, now - VOTE.look_back)
         if now - since > VOTE.urgent:
             self._pause = min(2 * self._pause, VOTE.last_pause)
@@ -309,35 +319,38 @@ class Vote:
         everybody = self._scores(timeline, since, None)
         if everybody is None:
             return
-        found: list[Found] = []
-        for axes in self.axes.values():
-            within = [a for a in axes.present if a not in axes.out]
-            loud = axes.sums.far()[SHORT, : len(axes.words)].max() > VOTE.own
-            if not loud and self._without(timeline, since, everybody, axes, within).gain < VOTE.worth_a_vote:
-                continue
-            found += [self._without(timeline, since, everybody, axes, [a]) for a in within]
-        if not found:
+        ballots = self._ballots(timeline, since, everybody)
+        if not ballots:
             return
-        best = max(found, key=lambda one: one.gain)
+        best = max(ballots, key=lambda one: one.gain)
         enough, suspect = VOTE.gain, VOTE.suspect
         if best.axes.sums.far()[SHORT, best.left[0]] > VOTE.own:
             enough = suspect = VOTE.gain_with_own
         if best.gain < suspect or best.disagreement > VOTE.disagree:
             return
         self._pause = VOTE.first_pause
-        if best.gain < enough:
-            return
-        if self._steering_explains(timeline, since, everybody, best):
+        if best.gain < enough or self._steering_explains(timeline, since, everybody, best):
             return
         self._alarm = None
         # Who is nearly as suspect as the worst may be the one: to do without both costs little, to believe one much.
-        for one in found:
+        for one in ballots:
             if one.gain > max(suspect, VOTE.nearly * best.gain) and one.disagreement <= VOTE.disagree:
                 self._take_out(one.axes, one.left[0], since, "contradicts the others", now)
                 self._undo(timeline, since, one.axes, one.left[0])
         self._loud.clear()
         for others in self.axes.values():
             others.sums.clear()
+
+    def _ballots(self, timeline: Timeline, since: int, everybody: dict[int, Array]) -> list[Ballot]:
+        """The votes of the others without each axis that may be wrong; `everybody` are the scores with all."""
+        ballots: list[Ballot] = []
+        for axes in self.axes.values():
+            within = [a for a in axes.present if a not in axes.out]
+            loud = axes.sums.far()[SHORT, : len(axes.words)].max() > VOTE.own
+            if not loud and self._without(timeline, since, everybody, axes, within).gain < VOTE.worth_a_vote:
+                continue
+            ballots += [self._without(timeline, since, everybody, axes, [a]) for a in within]
+        return ballots
 
     def _undo(self, timeline: Timeline, since: int, axes: Axes, axis: int, value: float | None = None) -> None:
         """Go on from a time as if an axis had not said anything, or not this value."""
@@ -365,12 +378,11 @@ class Vote:
 
     def _without(
         self, timeline: Timeline, since: int, everybody: dict[int, Array], axes: Axes, left: list[int]
-    ) -> Found:
+    ) -> Ballot:
         """Let the others vote without some axes of a sensor."""
         without = self._scores(timeline, since, (axes.index, left))
-        found = Found(-np.inf, np.inf, axes, left)
         if without is None:
-            return found
+            return Ballot(-np.inf, np.inf, axes, left)
         gain, disagreement = 0.0, 0.0
         for index, score in everybody.items():
             if index in self._no_vote:
@@ -381,7 +393,7 @@ class Vote:
             gain += float((pair[0, 0] - pair[1, 0]).sum())
             _, squares, count = pair[1].sum(axis=1).tolist()
             disagreement = max(disagreement, squares / max(count, 1.0))
-        return Found(gain, disagreement, axes, left)
+        return Ballot(gain, disagreement, axes, left)
 
     def _jump_of_steering(self, timeline: Timeline, since: int) -> bool:
         """True if axes seem to have jumped because the steering angle has."""
@@ -395,7 +407,7 @@ class Vote:
             timeline, since, everybody, self._without(timeline, since, everybody, axes, [axis])
         )
 
-    def _steering_explains(self, timeline: Timeline, since: int, everybody: dict[int, Array], best: Found) -> bool:
+    def _steering_explains(self, timeline: Timeline, since: int, everybody: dict[int, Array], best: Ballot) -> bool:
         """True if a wrong steering angle explains what all have measured, the axis that seems wrong included, better
         than that axis does. Then nobody is left out: the direct witnesses will see the steering."""
         error = self._adapter.steering_error
