@@ -12,6 +12,7 @@ from click.testing import CliRunner
 from vsense_ros.bag import write_bag
 from vsense_ros.cli import main
 from vsense_ros.errors import InputError
+from vsense_ros.estimation.regression import posterior
 from vsense_ros.files.vehicle import load_vehicle
 from vsense_ros.manoeuvre import generate
 from vsense_ros.messages.recording import Recording
@@ -20,7 +21,6 @@ from vsense_ros.model.vehicle import Vehicle
 from vsense_ros.prepare.calibration import Calibration, calibrate
 from vsense_ros.prepare.catalogue import catalogue_values
 from vsense_ros.prepare.new_vehicle import new_vehicle, write_new_vehicle
-from vsense_ros.estimation.regression import posterior
 
 CATALOGUE = {"mass": 1395.0, "wheelbase": 2.63, "track": 1.54, "axle_load_front": 820.0, "tyre": "205/55R16 91V"}
 # What the car really has; the catalogue and the rules do not say it.
