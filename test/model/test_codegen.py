@@ -6,6 +6,7 @@ import logging
 import stat
 import subprocess
 import sys
+from dataclasses import replace
 from pathlib import Path
 
 import casadi as ca
@@ -66,6 +67,25 @@ def test_a_function_is_compiled_once_and_found_again(cache, monkeypatch):
     assert library.stat().st_mtime_ns == made
     assert_allclose(value(first), value(probe()), rtol=1e-14)
     assert_allclose(value(second), value(probe()), rtol=1e-14)
+
+
+@pytest.mark.usefixtures("compiler", "cache")
+def test_source_is_written_only_for_what_the_cache_does_not_have(monkeypatch):
+    corners = codegen.Corners(lambda name, element: ((name, element), None), "no corner is like another")
+    written = []
+
+    def source() -> str:
+        written.append(1)
+        return codegen.native_source([probe()], corners)
+
+    for _ in range(2):
+        (made,) = codegen.loaded("probe", source, [probe()], corners) or []
+        assert_allclose(value(made), value(probe()), rtol=1e-14)
+    assert len(written) == 1
+    monkeypatch.setattr(_compile, "_generator", lambda: "a later version, which writes otherwise")
+    codegen.loaded("probe", source, [probe()], corners)
+    codegen.loaded("probe", source, [probe()], replace(corners, identity="others"))
+    assert len(written) == 3
 
 
 @pytest.mark.usefixtures("compiler")

@@ -14,6 +14,8 @@ import platform
 import shutil
 import subprocess
 from collections.abc import Callable, Sequence
+from functools import cache
+from hashlib import sha256
 from pathlib import Path
 from typing import TypeVar
 from weakref import WeakKeyDictionary
@@ -46,20 +48,28 @@ def compiler() -> str | None:
     return None
 
 
-def library(name: str, source: str, flags: Sequence[str] = ()) -> Path | None:
-    """C source compiled into a shared library in the cache, with more `flags`, or None where that is impossible."""
+def library(
+    name: str, source: str | Callable[[], str], flags: Sequence[str] = (), *, identity: str = ""
+) -> Path | None:
+    """C source compiled into a shared library in the cache, with more `flags`, or None where that is impossible.
+
+    Where writing the source takes long, `source` is the function that writes it: it is called only if the cache has
+    nothing with this `identity`, which must differ wherever sources do (`identity_of`).
+    """
     cc = compiler()
     if cc is None or cc in _broken:
         return None
 
     def make(folder: Path) -> Path:
-        (folder / "source.c").write_text(source, encoding="utf-8")
+        text = source if isinstance(source, str) else source()
+        (folder / "source.c").write_text(text, encoding="utf-8")
         command = [cc, *FLAGS, "source.c", "-o", "library.so", *flags, "-lm"]
         subprocess.run(command, cwd=folder, check=True, capture_output=True, timeout=600)
         return folder / "library.so"
 
     try:
-        return kept(name, (cc, *FLAGS, *flags, _processor(), source), make)
+        content = source if isinstance(source, str) else identity
+        return kept(name, (cc, *FLAGS, *flags, _processor(), content), make)
     except (OSError, subprocess.SubprocessError) as error:
         _broken.add(cc)
         log.warning("compiling %s failed, continuing without compiled code: %s%s", name, error, _said(error))
@@ -91,12 +101,30 @@ def compiled(name: str, functions: Sequence[ca.Function]) -> list[ca.Function]:
     """Functions compiled together into one library where that is possible, else as they are."""
     if compiler() is None:
         return list(functions)
-    ours: list[ca.Function] = []
-    others = ca.CodeGenerator("others.c", {"with_header": False})
-    for function in functions:
-        (ours.append if native.can_write(function) else others.add)(function)
-    text = native.source(ours) + (others.dump() if len(ours) < len(functions) else "")
-    return loaded(name, text, functions) or list(functions)
+
+    def source() -> str:
+        ours: list[ca.Function] = []
+        others = ca.CodeGenerator("others.c", {"with_header": False})
+        for function in functions:
+            (ours.append if native.can_write(function) else others.add)(function)
+        return native.source(ours) + (others.dump() if len(ours) < len(functions) else "")
+
+    return loaded(name, source, functions) or list(functions)
+
+
+def identity_of(functions: Sequence[ca.Function], corners: native.Corners | None = None) -> str:
+    """A text that differs wherever functions do, or the code that writes them as C: expressions are compared as CasADi
+    serialises them, which takes a hundredth of the time of writing them."""
+    parts = [ca.CasadiMeta.version(), _generator(), "" if corners is None else corners.identity]
+    parts += [f"{function.name()} {function.serialize()}" for function in functions]
+    return sha256("\n".join(parts).encode()).hexdigest()
+
+
+@cache
+def _generator() -> str:
+    """Digest of all files of this package."""
+    files = sorted(Path(__file__).parent.glob("*.[pc]*"))
+    return sha256(b"".join(file.read_bytes() for file in files if file.is_file())).hexdigest()
 
 
 def vector_math() -> tuple[str, ...]:
@@ -105,10 +133,12 @@ def vector_math() -> tuple[str, ...]:
     return ("-DVECTOR_MATH", "-lmvec") if present else ()
 
 
-def loaded(name: str, source: str, functions: Sequence[ca.Function]) -> list[ca.Function] | None:
-    """What C `source` makes of these functions, in a library that is compiled if it is not yet in the cache; None where
-    that is impossible."""
-    built = library(name, source, vector_math())
+def loaded(
+    name: str, source: Callable[[], str], functions: Sequence[ca.Function], corners: native.Corners | None = None
+) -> list[ca.Function] | None:
+    """These functions as the C that `source` writes, in a library that is made if the cache does not have it; None
+    where that is impossible."""
+    built = library(name, source, vector_math(), identity=identity_of(functions, corners))
     if built is None:
         return None
     try:

@@ -11,6 +11,8 @@ from __future__ import annotations
 import re
 from collections.abc import Callable, Hashable
 from functools import cache
+from hashlib import sha256
+from pathlib import Path
 
 import casadi as ca
 import numpy as np
@@ -312,13 +314,15 @@ def functions_of(car: Car) -> list[ca.Function]:
 def _compiled(name: str, car: Car, make: Callable[[Car], list[ca.Function]]) -> list[ca.Function] | None:
     """The functions compiled, with what the corners have in common done for all four at once."""
     alike = car.corners_alike
-    functions = make(alike)
-    return codegen.loaded(name, codegen.native_source(functions, corners_of(alike)), functions)
+    functions, corners = make(alike), corners_of(alike)
+    return codegen.loaded(name, lambda: codegen.native_source(functions, corners), functions, corners)
 
 
 def corners_of(car: Car) -> codegen.Corners:
     """How arguments of the functions of a car with `corners_alike` belong to its corners."""
-    return codegen.Corners(_alike(car), {"placement": car.placed})
+    here = sha256(Path(__file__).read_bytes()).hexdigest()  # which says what is alike
+    identity = repr((here, car.parameter_names, car.internal_state_slices, [float(number) for number in car.placed]))
+    return codegen.Corners(_alike(car), identity, {"placement": car.placed})
 
 
 def _alike(car: Car) -> codegen.Alike:

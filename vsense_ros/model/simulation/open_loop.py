@@ -293,14 +293,18 @@ def _compiled(car: Car) -> _Compiled | None:
         return None
     functions = _functions(car)
     constants = {"MEMORY": car.internal_state.numel(), "GAMMA": repr(GAMMA), "PARAMETERS": car.p.numel()}
-    written = [
-        simd.source(list(functions.values())),
-        *(f"#define {name} {value}" for name, value in constants.items()),
-    ]
+    defined = "\n".join(f"#define {name} {value}" for name, value in constants.items())
     if "internal_state" not in functions:
-        written.append("#define INTERNAL_STATE_WORK 0\n#define internal_state(in, out, work)")
-    written.append(resources.files("vsense_ros.model.simulation").joinpath("open_loop.c").read_text(encoding="utf-8"))
-    built = codegen.library("open_loop", "\n".join(written), codegen.vector_math())
+        defined += "\n#define INTERNAL_STATE_WORK 0\n#define internal_state(in, out, work)"
+    loop = resources.files("vsense_ros.model.simulation").joinpath("open_loop.c").read_text(encoding="utf-8")
+    own = f"{defined}\n{loop}"
+    every = list(functions.values())
+    built = codegen.library(
+        "open_loop",
+        lambda: f"{simd.source(every)}\n{own}",
+        codegen.vector_math(),
+        identity=f"{codegen.identity_of(every)}\n{own}",
+    )
     if built is None:
         return None
     library = ctypes.CDLL(str(built))
