@@ -410,25 +410,40 @@ def can_survey(databases: Path, out: Path) -> None:
 
 @main.command("own-car")
 @click.option("--out", type=NEW_FILE, default=Path("out/own_car.json"), show_default=True, help="File.")
-@click.option("--car", "only", multiple=True, metavar="NAME", help="Genesis, RAV4, hatchback, saloon; default: all.")
-def own_car(out: Path, only: tuple[str, ...]) -> None:
-    """A newcomer's way with cars that are not ours: catalogue values, check, calibration, estimate on a held-out drive.
+@click.option("--car", "only", multiple=True, metavar="NAME", help="One of the cars; repeatable; default: all.")
+@click.option(
+    "--databases", type=click.Path(path_type=Path), default=Path("opendbc/opendbc/dbc"), show_default=True,
+    help="The folder opendbc/dbc of a clone of opendbc; without it there are no figures of `vsense can`.",
+)  # fmt: skip
+def own_car(out: Path, only: tuple[str, ...], databases: Path) -> None:
+    """A newcomer's way with cars that are not ours: catalogue values, import of foreign logs, check, calibration,
+    identification, estimate on a held-out drive.
 
     \b
     Examples:
       python -m studies own-car
-      python -m studies own-car --car Genesis
+      python -m studies own-car --car hatchback --car Genesis
     """
     from studies import own_car as job
+    from studies import own_car_checks as checks
     from vsense_ros.evaluate.terminal import console, plain_table, say
 
+    parts = {"check": checks.planted()}
+    if databases.is_dir():
+        parts["can"] = checks.buses(databases)
     outcomes = {}
     table = plain_table("car", "", "side slip [°]", "within 2σ", "yaw rate [°/s]", "Fz [%]", "minutes")
     for car in job.cars(only):
         outcomes[car.name] = one = job.newcomer(car)
-        for words, row in (("catalogue", one.before), ("calibrated", one.after)):
+        rows = (("catalogue", one.before), ("calibrated", one.by_calibration), ("identified", one.after))
+        for words, row in rows:
             cells = ["–" if value is None else f"{value:.3g}" for value in row.values()]
             table.add_row(car.name, words, *cells, f"{one.minutes:.1f}")
-        job.write(outcomes, out)
+        job.write(outcomes, out, parts)
     console().print(table)
+    say(
+        f"check: {parts['check']['found']} of {parts['check']['of']} planted mistakes, {parts['check']['false']} false."
+    )
+    if "can" in parts:
+        say(f"can: all signals of {parts['can']['found']} of {parts['can']['of']} cars.")
     say(f"Written to {out}.")

@@ -1,46 +1,67 @@
 """A newcomer's way with cars that are not ours: from catalogue values and ordinary drives to an estimate.
 
-For each car: `new-vehicle` from catalogue values, `check`, `calibrate` on the drives to learn from, and the observer on
-a drive that nothing has seen, with the file before and after. Two cars are recordings, two are simulated by the plants
-of test/blind, which share no equation with the package; what they hide, and the truth, stays with this study.
+The newcomer has logs in formats of other makers (own_car_logs.py) and types commands: `new-vehicle`, `can` or
+`import --guess`, `import`, `check`, `calibrate`, `identify`, and `run` on a drive that no step has used. No file is
+edited. Five cars are simulated by the plants of test/blind, which share no equation with the package; what they hide,
+and the true motion, stays with this study. Two more are recordings.
 """
 
 from __future__ import annotations
 
 import json
+import os
+import re
+import subprocess
 import sys
 import time
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from functools import cache, partial
 from importlib import import_module
 from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from vsense_ros.bag import datasets
+from studies.own_car_logs import FORMATS, LogFormat
+from vsense_ros.api.recording import read
+from vsense_ros.bag import datasets, write_bag
 from vsense_ros.bag.importers import import_recording
+from vsense_ros.errors import InputError
 from vsense_ros.evaluate.reference import at_reference
 from vsense_ros.evaluate.signals import read_signals
 from vsense_ros.files.atomic import atomic_write
 from vsense_ros.files.installed import vehicle_path
 from vsense_ros.files.vehicle import load_vehicle
 from vsense_ros.messages.recording import Recording
+from vsense_ros.model.constants import GRAVITY
 from vsense_ros.model.coordinates import WHEELS
-from vsense_ros.model.vehicle import Reference, Vehicle
-from vsense_ros.prepare.calibration import Calibration, calibrate
-from vsense_ros.prepare.car_check import check_car
-from vsense_ros.prepare.catalogue import CatalogueValues, catalogue_values
-from vsense_ros.prepare.new_vehicle import new_vehicle
-from vsense_ros.runner import run
+from vsense_ros.model.vehicle import Reference
 
 Array = NDArray[np.float64]
+Figures = Mapping[str, float | None]
 
 ROOT = Path(__file__).parents[1]
-SLOWEST = 3.0  # [m/s] above which a side slip is compared
-HALF_RAV4 = 30.0  # [s] of the RAV4's minute to calibrate on; the rest is held out
-WARM_UP = {"Genesis": 50.0}  # [s] for which the heading of the reference is not settled, as README has it
+
+
+@dataclass(frozen=True)
+class OwnCarSettings:
+    """Decisions of this study."""
+
+    slowest: float = 3.0  # [m/s] above which a side slip is compared
+    half_rav4: float = 30.0  # [s] of the RAV4's minute to calibrate on; the rest is held out
+    warm_up: float = 2.0  # [s] that are not compared
+    warm_up_genesis: float = 50.0  # [s] for which the heading of its reference is not settled, as README has it
+    # Errors of catalogue values: of mass and of the load on the front axle [-], and of the steering ratio [-].
+    mass_error: float = 0.03
+    load_error: float = 0.01
+    ratio_error: float = 0.05
+
+
+SETTINGS = OwnCarSettings()
+# Name, duration [s], fastest, slowest [m/s], tightest bend [m], lateral acceleration [m/s²].
 DRIVES = (("town", 60.0, 14.0, 5.0, 14.0, 2.8), ("rural road", 60.0, 22.0, 10.0, 40.0, 3.4))
 HELD_OUT = ("way home", 40.0, 19.0, 9.0, 28.0, 3.2)
 
@@ -59,34 +80,41 @@ class Truth:
 
 @dataclass(frozen=True)
 class Car:
-    """A car with its catalogue values, drives to calibrate on, and one held out with its truth; where the reference of
-    a recording is mounted is no number of the car."""
+    """A car with the options of `new-vehicle` that its catalogue fills, drives to learn from, and one held out with its
+    truth. `radius` [m] is what its control unit takes a wheel for; `log` is None where recordings are bags already."""
 
     name: str
-    catalogue: CatalogueValues
+    catalogue: Mapping[str, str | float]
     drives: tuple[Recording, ...]
     held_out: Recording
     truth: Truth
+    log: LogFormat | None = None
+    radius: float = 0.0
     reference: Reference = field(default_factory=Reference)
+    warm_up: float = SETTINGS.warm_up
 
 
 @dataclass(frozen=True)
 class Outcome:
-    """What came of a car: files and figures of the held-out drive before and after calibration."""
+    """What came of a car: the commands that were typed, minutes of computing, findings of `check`, what `calibrate`
+    determined, and figures of the held-out drive with the file of `new-vehicle`, of `calibrate` and of `identify`."""
 
+    commands: tuple[str, ...]
     minutes: float
-    calibration: Calibration
-    doubts: int
-    before: Mapping[str, float | None]
-    after: Mapping[str, float | None]
+    findings: int
+    calibrated: tuple[str, ...]
+    before: Figures
+    by_calibration: Figures
+    after: Figures
 
 
 def cars(only: Sequence[str] = ()) -> Iterator[Car]:
     """The cars of the study, each made when it is asked for; `only` some of them, by name."""
-    for name, make in (
-        ("Genesis", genesis), ("RAV4", rav4), ("hatchback", lambda: plant("newton_euler", 0, 7)),
-        ("saloon", lambda: plant("newton_euler", 1, 11)),
-    ):  # fmt: skip
+    makers: dict[str, Callable[[], Car]] = {one.name: partial(plant, one) for one in PLANTS}
+    makers |= {"Genesis": genesis, "RAV4": rav4}
+    for unknown in set(only) - set(makers):
+        raise InputError(f"--car: {unknown!r} is no car of this study; it has {', '.join(makers)}")
+    for name, make in makers.items():
         if not only or name in only:
             yield make()
 
@@ -97,23 +125,25 @@ def genesis() -> Car:
     slow, fast, third = (
         import_recording(folder / name) for name in ("cpg_slow_lap.mat", "cpg_fast_lap.mat", "med_lap_center_8_21.mat")
     )
-    values = catalogue_values(
-        name="Genesis", mass=2100.0, wheelbase=3.01, track=1.62, track_rear=1.65, axle_load_front=1090.0,
-        tyre="245/45R18 100", driven="rear", height=1.48, like="saloon",
-    )  # fmt: skip
+    values = {
+        "mass": 2100.0, "wheelbase": 3.01, "track": 1.62, "track-rear": 1.65, "axle-load-front": 1090.0,
+        "tyre": "245/45R18 100", "driven": "rear", "height": 1.48, "like": "saloon",
+    }  # fmt: skip
     reference = load_vehicle(vehicle_path("genesis")).reference
-    return Car("Genesis", values, (slow, fast), third, _reference_of(third), reference)
+    return Car("Genesis", values, (slow, fast), third, _reference_of(third), reference=reference,
+               warm_up=SETTINGS.warm_up_genesis)  # fmt: skip
 
 
 def rav4() -> Car:
     """The RAV4: half of its minute to calibrate on, the other held out."""
     whole = import_recording(datasets.fetch("comma2k19_rav4"))
-    values = catalogue_values(
-        name="RAV4", mass=1650.0, wheelbase=2.66, track=1.57, axle_load_front=970.0, tyre="225/65R17 102", height=1.70
-    )
-    first, second = whole.between(None, HALF_RAV4), whole.between(HALF_RAV4, None)
+    values = {
+        "mass": 1650.0, "wheelbase": 2.66, "track": 1.57, "axle-load-front": 970.0, "tyre": "225/65R17 102",
+        "height": 1.70,
+    }  # fmt: skip
+    first, second = whole.between(None, SETTINGS.half_rav4), whole.between(SETTINGS.half_rav4, None)
     reference = load_vehicle(vehicle_path("rav4")).reference
-    return Car("RAV4", values, (first,), second, _reference_of(second), reference)
+    return Car("RAV4", values, (first,), second, _reference_of(second), reference=reference)
 
 
 def _reference_of(recording: Recording) -> Truth:
@@ -127,31 +157,82 @@ def _reference_of(recording: Recording) -> Truth:
     )  # fmt: skip
 
 
-def plant(kind: str, which: int, seed: int) -> Car:
-    """A car of the blind examination, drawn a few per cent off its type, with errors in its catalogue values."""
+@dataclass(frozen=True)
+class Plant:
+    """A car of the blind examination: the kind of its plant, which of the three types it is, the seed of what it hides,
+    and how it logs."""
+
+    name: str
+    kind: str
+    which: int
+    seed: int
+    log: str
+
+
+PLANTS = (
+    Plant("hatchback", "newton_euler", 0, 7, "German CAN"),
+    Plant("saloon", "mujoco_tree", 1, 11, "American CAN"),
+    Plant("sport utility", "newton_euler", 2, 13, "Asian CAN"),
+    Plant("estate", "newton_euler", 1, 17, "foreign bag"),
+    Plant("city car", "mujoco_tree", 0, 19, "table"),
+)
+
+
+@dataclass(frozen=True)
+class Hidden:
+    """What a simulated car hides: its numbers, its drives, and the generator of what its sensors and catalogue err."""
+
+    car: Any
+    courses: tuple[Any, ...]
+    rng: np.random.Generator
+
+
+def _blind(part: str) -> Any:
+    """A module of the blind examination."""
     if str(ROOT / "test") not in sys.path:
         sys.path.append(str(ROOT / "test"))
-    blind = {name: import_module(f"blind.{name}") for name in ("cars", "courses", "knobs", "sensors", "tyres")}
-    rng = np.random.default_rng(seed)
-    car = blind["cars"].CARS[which]
+    return import_module(f"blind.{part}")
+
+
+def _hidden(one: Plant) -> Hidden:
+    """Masses, springs, tyres and dimensions a few per cent off the car's type, and its drives, drawn by its seed."""
+    rng = np.random.default_rng(one.seed)
+    cars, courses = _blind("cars"), _blind("courses")
+    kind = cars.CARS[one.which]
     factor = rng.uniform(0.97, 1.03, 3)
-    hidden = replace(car, mass=car.mass * factor[0], cog_height=car.cog_height * factor[1],
-                     yaw_inertia=car.yaw_inertia * factor[2])  # fmt: skip
-    courses = [
-        replace(blind["courses"].road(rng, duration, *limits, name), roughness=0.002, seed=int(rng.integers(2**31)))
-        for name, duration, *limits in (*DRIVES, HELD_OUT)
-    ]
-    simulate = import_module(f"blind.plants.{kind}").simulate
-    log = simulate(
-        blind["cars"].side_by_side([hidden] * len(courses)), blind["knobs"].side_by_side([{}] * len(courses)), courses,
-        blind["tyres"].mixed(["magic_formula_1989"] * len(courses)),
+    hidden = replace(kind, mass=kind.mass * factor[0], cog_height=kind.cog_height * factor[1],
+                     yaw_inertia=kind.yaw_inertia * factor[2])  # fmt: skip
+    roads = tuple(
+        replace(courses.road(rng, duration, *limits, drive), roughness=0.002, seed=int(rng.integers(2**31)))
+        for drive, duration, *limits in (*DRIVES, HELD_OUT)
+    )
+    return Hidden(hidden, roads, rng)
+
+
+@cache
+def _simulated(kind: str) -> dict[str, tuple[Hidden, list[dict[str, Array]]]]:
+    """What happened on all drives of all cars of a kind of plant, which are simulated side by side, by name."""
+    cars = _blind("cars")
+    hidden = {one.name: _hidden(one) for one in PLANTS if one.kind == kind}
+    courses = [course for one in hidden.values() for course in one.courses]
+    motion = _blind(f"plants.{kind}").simulate(
+        cars.side_by_side([one.car for one in hidden.values() for _ in one.courses]),
+        _blind("knobs").side_by_side([{}] * len(courses)), courses,
+        _blind("tyres").mixed(["magic_formula_1989"] * len(courses)),
     )  # fmt: skip
-    sensors = blind["sensors"]
+    lanes = iter([motion.lane(i, course.duration) for i, course in enumerate(courses)])
+    return {name: (one, [next(lanes) for _ in one.courses]) for name, one in hidden.items()}
+
+
+def plant(one: Plant) -> Car:
+    """A simulated car with the recordings of its sensors, and errors in its catalogue values."""
+    hidden, lanes = _simulated(one.kind)[one.name]
+    car, rng, sensors = hidden.car, hidden.rng, _blind("sensors")
     grade = sorted(sensors.GRADES)[0]
     bench = sensors.Bench(grade, sensors.Mounting.drawn(rng), sensors.Biases.drawn(sensors.GRADES[grade], rng), {})
-    lanes = [log.lane(i, course.duration) for i, course in enumerate(courses)]
     recordings = [
-        bench.record(lane, course.name, i, rng) for i, (lane, course) in enumerate(zip(lanes, courses, strict=True))
+        bench.record(lane, course.name, i, rng)
+        for i, (lane, course) in enumerate(zip(lanes, hidden.courses, strict=True))
     ]
     last = lanes[-1]
     stamp = (
@@ -159,47 +240,118 @@ def plant(kind: str, which: int, seed: int) -> Car:
     )
     forward, left = last["velocity"][:, 0], last["velocity"][:, 1]
     truth = Truth(stamp, np.arctan2(left, forward), last["rates"][:, 2], last["load"], forward)
-    return Car(hidden.name, _catalogue_of(hidden, rng), tuple(recordings[:-1]), recordings[-1], truth)
-
-
-def _catalogue_of(car: Any, rng: np.random.Generator) -> CatalogueValues:
-    """What a catalogue would say of a plant: mass off by up to 3 %, the load on the axle by 2 %, the ratio by 5 %."""
-    mass = float(round(car.mass * rng.uniform(0.97, 1.03)))
-    share = car.rear_arm / car.wheelbase + rng.uniform(-0.01, 0.01)
-    sizes = {0.305: "185/60R15 84", 0.328: "225/50R17 94", 0.360: "235/60R18 103"}
-    return catalogue_values(
-        name=car.name, mass=mass, wheelbase=round(car.wheelbase, 2), track=round(car.front.track, 2),
-        track_rear=round(car.rear.track, 2), axle_load_front=float(round(mass * share)), tyre=sizes[car.front.radius],
-        driven="front" if car.front_drive == 1 else "rear" if car.front_drive == 0 else "all",
-        steering_ratio=round(car.ratio * rng.uniform(0.95, 1.05), 1),
+    loaded = car.front.radius - car.mass * GRAVITY / 4 / car.front.tyre_vertical
+    return Car(
+        one.name, _catalogue_of(car, rng), tuple(recordings[:-1]), recordings[-1], truth, FORMATS[one.log],
+        round(loaded * rng.uniform(0.99, 1.01), 3),
     )  # fmt: skip
 
 
+def _catalogue_of(car: Any, rng: np.random.Generator) -> dict[str, str | float]:
+    """What a catalogue would say of a plant, with the errors of `SETTINGS`."""
+    mass = float(round(car.mass * (1 + SETTINGS.mass_error * rng.uniform(-1, 1))))
+    share = car.rear_arm / car.wheelbase + SETTINGS.load_error * rng.uniform(-1, 1)
+    sizes = {0.305: "185/60R15 84", 0.328: "225/50R17 94", 0.360: "235/60R18 103"}
+    return {
+        "mass": mass, "wheelbase": round(car.wheelbase, 2), "track": round(car.front.track, 2),
+        "track-rear": round(car.rear.track, 2), "axle-load-front": float(round(mass * share)),
+        "tyre": sizes[car.front.radius],
+        "driven": "front" if car.front_drive == 1 else "rear" if car.front_drive == 0 else "all",
+        "steering-ratio": round(car.ratio * (1 + SETTINGS.ratio_error * rng.uniform(-1, 1)), 1),
+    }  # fmt: skip
+
+
+class Terminal:
+    """A newcomer's shell in a folder: `vsense` commands, each with what it took."""
+
+    def __init__(self, folder: Path) -> None:
+        self.folder = folder
+        self.typed: list[str] = []
+        self.seconds = 0.0
+
+    def vsense(self, *arguments: str, allowed: Sequence[int] = (0,)) -> str:
+        """Run a command; what it printed. Raises `RuntimeError` where its exit code is none of those `allowed`."""
+        begun = time.perf_counter()
+        environment = {**os.environ, "PYTHONPATH": os.pathsep.join([str(ROOT), os.environ.get("PYTHONPATH", "")])}
+        done = subprocess.run(
+            [sys.executable, "-m", "vsense_ros.cli", *arguments], cwd=self.folder, env=environment,
+            capture_output=True, text=True, stdin=subprocess.DEVNULL,
+        )  # fmt: skip
+        self.seconds += time.perf_counter() - begun
+        self.typed.append(" ".join(["vsense", *arguments]))
+        if done.returncode not in allowed:
+            raise RuntimeError(f"{self.typed[-1]} (exit code {done.returncode})\n{done.stdout}\n{done.stderr}")
+        return done.stdout
+
+
 def newcomer(car: Car) -> Outcome:
-    """The way of a newcomer with a car."""
-    start = time.perf_counter()
-    made = new_vehicle(car.catalogue).vehicle
-    doubts = len(check_car(made))
-    calibration = calibrate(car.drives, made)
-    doubts += len(check_car(calibration.vehicle))
-    before, after = (figures(car, vehicle) for vehicle in (made, calibration.vehicle))
-    return Outcome((time.perf_counter() - start) / 60, calibration, doubts, before, after)
+    """The way of a newcomer with a car, by commands in a folder of its own."""
+    with TemporaryDirectory() as temporary:
+        terminal = Terminal(Path(temporary))
+        drives, held_out = _imported(car, terminal)
+        options = [part for key, value in car.catalogue.items() for part in (f"--{key}", f"{value}")]
+        terminal.vsense("new-vehicle", "my_car.yaml", *options)
+        check = json.loads(terminal.vsense("check", "my_car.yaml", *drives, "--json", allowed=(0, 1)))
+        told = json.loads(
+            terminal.vsense("calibrate", *drives, "--vehicle", "my_car.yaml", "--output", "calibrated.yaml", "--json")
+        )
+        terminal.vsense(
+            "identify", *drives, "--vehicle", "calibrated.yaml", "--model", "single_track", "--report", "identified"
+        )
+        files = ("my_car.yaml", "calibrated.yaml", "identified/vehicle.yaml")
+        before, calibrated, after = (figures(car, terminal, file, held_out) for file in files)
+        names = tuple(one["name"] for one in told["quantities"] if one["determined"])
+        findings = len(check["findings"]) + len(check["fit"])
+        return Outcome(
+            tuple(terminal.typed), terminal.seconds / 60, findings, names, before, calibrated, after
+        )  # fmt: skip
 
 
-def figures(car: Car, vehicle: Vehicle) -> dict[str, float | None]:
-    """Errors of the observer on the held-out drive: side slip [deg], share within two standard deviations, yaw rate
+def _imported(car: Car, terminal: Terminal) -> tuple[list[str], str]:
+    """The drives as bags in the newcomer's folder, imported by the commands that the format needs; their names."""
+    recordings = {f"drive_{i + 1}": one for i, one in enumerate(car.drives)} | {"drive_held_out": car.held_out}
+    *drives, held_out = recordings
+    if car.log is None:
+        for name, recording in recordings.items():
+            write_bag(terminal.folder / name, recording)
+        return drives, held_out
+    logs = {name: f"log_{name}{car.log.suffix}" for name in recordings}
+    for name, recording in recordings.items():
+        car.log.write(recording, terminal.folder / logs[name], car.radius)
+    database = []
+    if car.log.database:
+        (terminal.folder / "car.dbc").write_text(car.log.database, encoding="utf-8")
+        database = ["--dbc", "car.dbc"]
+        terminal.vsense("can", logs[drives[0]], *database, "--output", "mapping.yaml")
+    else:
+        proposed = terminal.vsense("import", logs[drives[0]], "--guess")
+        (terminal.folder / "mapping.yaml").write_text(proposed, encoding="utf-8")
+    for name in recordings:
+        terminal.vsense("import", logs[name], name, *database, "--mapping", "mapping.yaml")
+    return drives, held_out
+
+
+def figures(car: Car, terminal: Terminal, file: str, held_out: str) -> dict[str, float | None]:
+    """Errors of `vsense run` on the held-out drive: side slip [deg], share within two standard deviations, yaw rate
     [deg/s], vertical forces [% of the mean load of a wheel]; None where the truth is not known."""
-    vehicle = vehicle.model_copy(update={"reference": car.reference})
-    output = read_signals(at_reference(run(car.held_out, vehicle, rate=50.0).output, vehicle), "vsense")
+    out = re.sub(r"\W", "_", file)
+    terminal.vsense("run", held_out, "--vehicle", file, "--out", out)
+    vehicle = load_vehicle(terminal.folder / file).model_copy(update={"reference": car.reference})
+    output = read_signals(at_reference(read(terminal.folder / out / "output"), vehicle), "vsense")
     truth = car.truth
-    begin = truth.stamp[0] + round(WARM_UP.get(car.name, 2.0) * 1e9)
+    # A table counts from its first row: both begin with the first message of the inertial sensor.
+    first = read(terminal.folder / held_out)["imu/data"].stamp[0]
+    imu = car.held_out["imu/data"]
+    logged = imu.received[0] if car.log is not None and car.log.logs_arrival else imu.stamp[0]
+    stamp = truth.stamp + (first - logged)
+    begin = stamp[0] + round(car.warm_up * 1e9)
 
     def at(name: str, values: Array) -> tuple[Array, Array]:
         series = output[name]
-        rows = (series.stamp > begin) & (series.stamp < truth.stamp[-1])
+        rows = (series.stamp > begin) & (series.stamp < stamp[-1])
         if truth.speed is not None:
-            rows &= np.interp(series.stamp, truth.stamp, truth.speed) > SLOWEST
-        error = series.value[rows, 0] - np.interp(series.stamp[rows], truth.stamp, values)
+            rows &= np.interp(series.stamp, stamp, truth.speed) > SETTINGS.slowest
+        error = series.value[rows, 0] - np.interp(series.stamp[rows], stamp, values)
         deviation = np.full(len(error), np.nan) if series.deviation is None else series.deviation[rows]
         return error, deviation
 
@@ -218,14 +370,16 @@ def figures(car: Car, vehicle: Vehicle) -> dict[str, float | None]:
     return found
 
 
-def write(outcomes: Mapping[str, Outcome], path: Path) -> None:
-    """The figures of all cars as JSON."""
+def write(outcomes: Mapping[str, Outcome], path: Path, parts: Mapping[str, Any]) -> None:
+    """The figures of all cars as JSON, and `parts` of other examinations beside them."""
     content = {
         "cars": {
-            name: {"minutes": one.minutes, **one.after, "before": dict(one.before), "doubts": one.doubts,
-                   "calibrated": [quantity.name for quantity in one.calibration.quantities if quantity.determined]}
+            name: {"minutes": one.minutes, **one.after, "before": dict(one.before),
+                   "calibrated": dict(one.by_calibration), "determined": list(one.calibrated),
+                   "findings": one.findings, "commands": list(one.commands)}
             for name, one in outcomes.items()
-        }
+        },
+        **parts,
     }  # fmt: skip
     path.parent.mkdir(parents=True, exist_ok=True)
     with atomic_write(path) as file:

@@ -21,6 +21,7 @@ if TYPE_CHECKING:
     from vsense_ros.api.explanation import explain
     from vsense_ros.api.filter import Filter
     from vsense_ros.api.identification import identify
+    from vsense_ros.api.preparation import calibrate, check, new_vehicle
     from vsense_ros.api.recording import Info, info, read
     from vsense_ros.api.result import EstimatedSignal, Result, export_results
     from vsense_ros.api.vehicle import load_vehicle
@@ -37,12 +38,15 @@ __all__ = [
     "RecordingWarning",
     "Result",
     "Vehicle",
+    "calibrate",
+    "check",
     "estimate",
     "explain",
     "export_results",
     "identify",
     "info",
     "load_vehicle",
+    "new_vehicle",
     "read",
     "survey_can",
 ]
@@ -57,12 +61,15 @@ _PLACES = {
     "RecordingWarning": "api.estimation",
     "Result": "api.result",
     "Vehicle": "model.vehicle",
+    "calibrate": "api.preparation",
+    "check": "api.preparation",
     "estimate": "api.estimation",
     "explain": "api.explanation",
     "export_results": "api.result",
     "identify": "api.identification",
     "info": "api.recording",
     "load_vehicle": "api.vehicle",
+    "new_vehicle": "api.preparation",
     "read": "api.recording",
     "survey_can": "api.can",
 }

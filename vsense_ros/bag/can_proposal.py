@@ -47,14 +47,16 @@ def proposal(survey: CanSurvey, roles: Roles) -> str:
 
     Raises `InputError` if nothing was recognized that a mapping can have.
     """
-    outputs = [*_joints(roles), *_axes(roles)]
+    outputs = [*_joints(roles), *_axes(roles), *_receiver(roles)]
     if not outputs:
         heard = ", ".join(dict.fromkeys(signal.label for signal in survey.signals))
         raise InputError(
             f"{survey.name}: no signal looks like wheel speeds, a steering angle, a yaw rate or an acceleration; a "
             f"mapping can be written by hand, as in config/can; heard were: {heard[:600] or 'no signals'}"
         )
-    used = {signal.message: signal for one in _recognized(roles) for signal in (one.signal,)}
+    used = {one.signal.message: one.signal for one in _recognized(roles)}
+    for receiver in roles.gnss_outputs:
+        used.setdefault(receiver.message, next(iter(receiver.signals.values()))[0])
     lines = [
         f"# A proposal for {_plain(survey.name)}, made by `vsense can`: look at every line.",
         "# What is positive is so in the axes of ISO 8855: forward, left, turning left.",
@@ -73,8 +75,12 @@ def proposal(survey: CanSurvey, roles: Roles) -> str:
             "",
             f"# The speed of the car is in {_plain(roles.speed.signal.label)} [{roles.speed.unit}], too.",
         ]
-    if roles.gnss:
-        lines.append(f"# Of a satellite receiver: {', '.join(_plain(signal.label) for signal in roles.gnss[:8])}.")
+    used_signals = {id(one) for output in roles.gnss_outputs for one, _ in output.signals.values()}
+    further = [signal for signal in roles.gnss if id(signal) not in used_signals]
+    if further:
+        lines.append(
+            f"# Further signals of a satellite receiver: {', '.join(_plain(signal.label) for signal in further[:8])}."
+        )
     return "\n".join(lines) + "\n"
 
 
@@ -161,6 +167,29 @@ def _axes(roles: Roles) -> list[list[str]]:
             ]
         )
     return outputs
+
+
+def _receiver(roles: Roles) -> list[list[str]]:
+    """Outputs of a satellite receiver: its position and its velocity."""
+    return [
+        [
+            "",
+            f"  - kind: {output.kind}",
+            f"    message: {_quoted(output.message)}",
+            *(
+                f"    {quantity}: {{signals: {_quoted(signal.name)}, unit: {_quoted(unit)}"
+                + (", ignore_stated_unit: true" if _contradicts(signal, unit) else "")
+                + "}"
+                for quantity, (signal, unit) in output.signals.items()
+            ),
+        ]
+        for output in roles.gnss_outputs
+    ]
+
+
+def _contradicts(signal: HeardSignal, unit: str) -> bool:
+    stated = units.canonical(signal.unit) if signal.unit else None
+    return stated is not None and stated != unit
 
 
 def _comments(found: Recognized, others: tuple[HeardSignal, ...] = ()) -> list[str]:

@@ -17,6 +17,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from vsense_ros.bag.can_gnss import GnssOutput, gnss_outputs
 from vsense_ros.bag.can_names import CONCEPTS, WHEEL_SIDES, likeness, side_keys
 from vsense_ros.bag.can_survey import CanSurvey, HeardSignal
 from vsense_ros.messages import units
@@ -39,6 +40,7 @@ class RoleSettings:
     alike: float = 0.7  # [-] correlation from which two signals say the same
     unlike: float = 0.3  # [-] and up to which they do not
     wheels_alike: float = 0.8  # [-] correlation of each wheel with the mean of the four
+    steady_spread: float = 0.1  # [-] standard deviation over mean, up to which a speed is steady
     unit_factor: float = 2.5  # [-] by which a gain may be off before a unit is not believed
     enough: float = 0.9  # [-] points from which a signal is proposed
 
@@ -80,7 +82,7 @@ class Recognized:
 @dataclass(frozen=True)
 class Roles:
     """What was recognized. `wheels` has all four or none; `others` are further signals that seem to measure a role;
-    `gnss` is what sounds like a satellite receiver."""
+    `gnss` is what sounds like a satellite receiver, `gnss_outputs` what of it is a position and a velocity."""
 
     wheels: Mapping[str, Recognized] = field(default_factory=dict)
     steering_wheel: Recognized | None = None
@@ -89,6 +91,7 @@ class Roles:
     longitudinal_acceleration: Recognized | None = None
     speed: Recognized | None = None
     gnss: tuple[HeardSignal, ...] = ()
+    gnss_outputs: tuple[GnssOutput, ...] = ()
     others: Mapping[str, tuple[HeardSignal, ...]] = field(default_factory=dict)
 
 
@@ -192,6 +195,7 @@ def recognize(survey: CanSurvey) -> Roles:
         best("longitudinal_acceleration"),
         speed,
         tuple(signal for signal in signals if likeness("gnss", signal.name, signal.message) > 0.5),
+        gnss_outputs(signals),
         {role: rest for role, rest in others.items() if rest},
     )
 
@@ -287,7 +291,10 @@ def _wheel_points(motion: _Motion, wheels: Sequence[HeardSignal], speed: Array |
     if spread == 0:
         return points - 0.3
     apart = float(np.abs(values - mean).mean())
-    together = all(float(np.corrcoef(one, mean)[0, 1]) > ROLES.wheels_alike for one in values if np.std(one) > 0)
+    steady = spread < ROLES.steady_spread * abs(float(mean.mean()))  # then wheels differ more than the speed changes
+    together = steady or all(
+        float(np.corrcoef(one, mean)[0, 1]) > ROLES.wheels_alike for one in values if np.std(one) > 0
+    )
     if not together or apart > 0.3 * (abs(float(mean.mean())) + spread):
         return -1.0
     points += 0.5

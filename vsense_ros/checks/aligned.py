@@ -192,11 +192,10 @@ def align(channels: Mapping[Role, Channel], topics: Topics, begin: int) -> Align
 
 
 def _add_inertial(aligned: AlignedSignals, channel: Channel) -> None:
+    columns = channel.measured
     for vector, names in INERTIAL_FIELDS.items():
-        if (channel.columns[f"{vector}_covariance"][:, 0] == -1).all():
-            continue
         for axis, name in enumerate(names):
-            values = channel.columns[vector][:, axis]
+            values = columns[vector][:, axis]
             if np.isfinite(values).sum() >= SETTINGS.least_values:
                 aligned.signals[name] = aligned.at(channel, values)
 

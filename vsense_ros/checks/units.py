@@ -59,9 +59,9 @@ SETTINGS = UnitSettings()
 def gravity(subject: Subject, _: Sequence[Finding]) -> Iterator[Finding]:
     """Specific forces whose mean is not gravity upwards: in g, without gravity, or on another axis."""
     imu, s = subject.channel(Role.IMU), SETTINGS
-    if imu is None or (imu.columns["linear_acceleration_covariance"][:, 0] == -1).all():
+    if imu is None:
         return
-    columns = imu.columns["linear_acceleration"].T
+    columns = imu.measured["linear_acceleration"].T
     mean = np.array([np.nanmedian(c) if np.isfinite(c).any() else np.nan for c in columns])
     size = float(np.linalg.norm(mean))
     if np.isnan(size):

@@ -59,19 +59,17 @@ def new_vehicle(output: Path, force: bool, **values: Any) -> None:
     springs, dampers, anti-roll bars and tyres. Each number has a standard deviation and a source, which `identify`,
     `explain` and the observer use as a prior. In a terminal the command asks for missing values.
     """
+    from vsense_ros.api.preparation import new_vehicle as make
     from vsense_ros.errors import InputError
     from vsense_ros.evaluate.terminal import say
-    from vsense_ros.prepare.catalogue import catalogue_values
-    from vsense_ros.prepare.new_vehicle import new_vehicle as make
-    from vsense_ros.prepare.new_vehicle import write_new_vehicle
 
     if output.exists() and not force:
         raise InputError(f"{output} exists; give another name, or --force to replace it")
     values["name"] = values["name"] or output.stem.replace("_", " ")
     if sys.stdin.isatty():
         _ask(values)
-    new = make(catalogue_values(**values))
-    write_new_vehicle(output, new)
+    new = make(**values)
+    new.write(output)
     say(
         f"Written to {output}: {len(new.given)} numbers from what is given, {len(new.numbers) - len(new.given)} by the "
         f"rules for {new.kind} cars. Next: vsense check {output} RECORDING"
@@ -116,14 +114,11 @@ def check(context: click.Context, vehicle: str, recordings: tuple[Path, ...], as
     the car, it also reports what their sensors contradict: units, signs and axes of signals, radii, steering ratio,
     mounting, latencies. The exit code is 0 if nothing looks wrong, and 1 otherwise.
     """
-    from vsense_ros.api.recording import read_all
+    from vsense_ros.api.preparation import check as checked
     from vsense_ros.evaluate.terminal import say
-    from vsense_ros.files.installed import vehicle_path
     from vsense_ros.files.names import printable
-    from vsense_ros.prepare.vehicle_check import check_vehicle
 
-    (drives,) = read_all(recordings)
-    found = check_vehicle(vehicle_path(vehicle), drives)
+    found = checked(vehicle, recordings)
     if as_json:
         click.echo(json.dumps(found.as_dict(), indent=2))
     else:
@@ -152,24 +147,22 @@ def calibrate(recordings: tuple[Path, ...], vehicle: str, output: Path | None, a
       vsense calibrate drive --vehicle my_car.yaml --output my_car.calibrated.yaml
       vsense calibrate lap_1 lap_2 --vehicle my_car.yaml
     """
-    from vsense_ros.api.recording import read_all
+    from vsense_ros.api.preparation import calibrate as calibrated
+    from vsense_ros.api.preparation import write_calibration
+    from vsense_ros.api.vehicle import load_vehicle
     from vsense_ros.errors import InputError
     from vsense_ros.evaluate.terminal import console, say, waiting
     from vsense_ros.files.installed import vehicle_path
-    from vsense_ros.files.vehicle import load_vehicle, save_changes
     from vsense_ros.prepare import calibration_report as report
-    from vsense_ros.prepare.calibration import calibrate as job
 
     source = vehicle_path(vehicle)
     target = output or Path(f"{source.stem}.calibrated.yaml")
     car = load_vehicle(source)
     if target.exists() and target.resolve() == source.resolve():
         raise InputError(f"{target} is the vehicle file itself; give another name with --output")
-    with waiting("reading"):
-        (drives,) = read_all(recordings)
     with waiting("calibrating"):
-        found = job(drives, car)
-    save_changes(source, target, found.vehicle, found.paths)
+        found = calibrated(recordings, car)
+    write_calibration(found, target, source)
     if as_json:
         click.echo(json.dumps(report.as_dict(found), indent=2))
         return

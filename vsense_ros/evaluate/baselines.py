@@ -81,10 +81,10 @@ def _raw_readings(recording: Recording, truths: Mapping[str, Series]) -> Iterato
     imu, velocity, fix = channels.values()
     values: list[tuple[str, str, Channel, Array]] = []
     if imu is not None and "angular_velocity" in imu.columns:
-        values.append(("yaw_rate", "gyro", imu, imu.columns["angular_velocity"][:, 2:]))
+        values.append(("yaw_rate", "gyro", imu, imu.measured["angular_velocity"][:, 2:]))
     if imu is not None and "linear_acceleration" in imu.columns:
         for axis, name in enumerate(("longitudinal", "lateral")):
-            forces = imu.columns["linear_acceleration"][:, axis : axis + 1]
+            forces = imu.measured["linear_acceleration"][:, axis : axis + 1]
             values.append((f"{name}_acceleration", "sensor", imu, forces))
     if velocity is not None:
         east, north = velocity.columns["linear"][:, 0], velocity.columns["linear"][:, 1]

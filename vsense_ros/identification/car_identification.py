@@ -42,8 +42,8 @@ PRIOR = 0.2
 
 @dataclass(frozen=True)
 class CarIdentification:
-    """Vehicles before and after; by parameter value before, found, standard deviation, and whether it is told; RMSE of
-    the side slip [rad] by recording, before and after, where there is a reference."""
+    """Vehicles before and after; by parameter its value before and after, its standard deviation, and true if the
+    drives determine it; RMSE of the side slip [rad] by recording, before and after, where there is a reference."""
 
     before: Vehicle
     vehicle: Vehicle
@@ -59,7 +59,10 @@ def identify(
     held_out: Sequence[Recording] = (),
     progress: Progress | None = None,
 ) -> CarIdentification:
-    """Raises `InputError` for a name that is no number below physics, one that is zero, or drives that tell nothing."""
+    """Identify parameters of the observer's own car, one pass of the SPI observer over each drive.
+
+    Raises `InputError` for a name that is no number below physics, one that is zero, or drives that determine nothing.
+    """
     wanted = tuple(free) or tuple(FREE)
     values = vehicle.values()
     for name in wanted:
@@ -77,7 +80,7 @@ def identify(
     determined = [name for name in wanted if deviations[name] <= INFORMATION.determined_share * prior[name]]
     if not determined:
         raise InputError(
-            "the drives tell none of the free parameters: "
+            "the drives determine none of the free parameters: "
             + "; ".join(
                 f"of {name}, {100 * deviations[name] / prior[name]:.0f} % of what was uncertain are left"
                 for name in wanted
@@ -127,20 +130,22 @@ def _side_slip(recording: Recording, vehicle: Vehicle) -> float:
 
 def show(found: CarIdentification, out: Console) -> None:
     """For the terminal."""
-    table = plain_table("parameter", "before", "found", "±", "", right=("before", "found", "±"))
-    for name, (before, value, deviation, told) in found.parameters.items():
-        table.add_row(name, f"{before:.5g}", f"{value:.5g}", f"{deviation:.2g}", "told" if told else "refused")
+    table = plain_table("parameter", "before", "estimate", "±", "", right=("before", "estimate", "±"))
+    for name, (before, value, deviation, determined) in found.parameters.items():
+        table.add_row(
+            name, f"{before:.5g}", f"{value:.5g}", f"{deviation:.2g}", "determined" if determined else "refused"
+        )
     out.print(table)
     for sentence in sentences(found):
         out.print(sentence)
 
 
 def sentences(found: CarIdentification) -> list[str]:
-    """What is not told, and how good the observer is before and after."""
+    """Which parameters the drives do not determine, and how good the observer is before and after."""
     lines = ["Not proven yet: on a generated double lane change it made the observer worse. Compare before you use it."]
     lines += [
-        f"{name} is not told by these drives and stays {before:.5g}."
-        for name, (before, _, _, told) in found.parameters.items() if not told
+        f"{name} is not determined by these drives and stays {before:.5g}."
+        for name, (before, _, _, determined) in found.parameters.items() if not determined
     ]  # fmt: skip
     lines += [
         f"{name}: side slip of the observer, RMSE {np.degrees(before):.3f}° before, {np.degrees(after):.3f}° after."
@@ -152,8 +157,8 @@ def sentences(found: CarIdentification) -> list[str]:
 def write(found: CarIdentification, folder: Path) -> None:
     """identification.json and report.html."""
     parameters = {
-        name: {"before": before, "value": value, "deviation": deviation, "told": told}
-        for name, (before, value, deviation, told) in found.parameters.items()
+        name: {"before": before, "value": value, "deviation": deviation, "determined": determined}
+        for name, (before, value, deviation, determined) in found.parameters.items()
     }
     made = {"model": "car", "vehicle": found.before.name, "parameters": parameters,
             "side_slip_rmse_deg": {n: [float(np.degrees(v)) for v in pair] for n, pair in found.side_slip.items()},
@@ -162,8 +167,8 @@ def write(found: CarIdentification, folder: Path) -> None:
         file.write(json.dumps(made, indent=2) + "\n")
     cells = "".join(
         f"<tr><td>{escape(name)}</td><td>{before:.5g}</td><td>{value:.5g}</td><td>{deviation:.2g}</td>"
-        f"<td>{'told' if told else 'refused'}</td></tr>"
-        for name, (before, value, deviation, told) in found.parameters.items()
+        f"<td>{'determined' if determined else 'refused'}</td></tr>"
+        for name, (before, value, deviation, determined) in found.parameters.items()
     )
     text = "".join(f"<li>{escape(line)}</li>" for line in sentences(found))
     page = (

@@ -131,7 +131,7 @@ def of_recording(recording: Recording, vehicle: Vehicle | None) -> DriveSignals:
 
 def _in_axes_of_car(imu: Channel, vehicle: Vehicle | None) -> tuple[Array, Array]:
     """Rates and forces (n, 3) of an IMU, without the known errors where the vehicle file tells its mounting."""
-    columns = dict(imu.columns)
+    columns = dict(imu.measured)
     mounted = [s for s in vehicle.sensors.values() if isinstance(s, Imu)] if vehicle is not None else []
     if mounted:
         columns |= mounted[0].message_in_axes_of_car(columns)

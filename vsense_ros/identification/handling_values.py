@@ -58,6 +58,30 @@ def of_vehicle(vehicle: Vehicle) -> dict[str, float]:
     return found
 
 
+def deviations(vehicle: Vehicle) -> dict[str, float]:
+    """Standard deviations of parameters of the handling models, by name, of those that the vehicle file states any for.
+
+    The cornering stiffness of an axle is that of its tyre times `cornering_scale`, its largest force that times
+    `grip_scale`; both relative deviations carry over.
+    """
+    stated, values = vehicle.deviations(), of_vehicle(vehicle)
+    found = {
+        name: stated[f"chassis.{name}"]
+        for name in ("cog_height", "yaw_inertia")
+        if stated.get(f"chassis.{name}", 0) > 0
+    }
+    for axle in ("front", "rear"):
+        for name, scale in (("stiffness", "cornering_scale"), ("peak", "grip_scale")):
+            deviation = stated.get(f"{axle}.{scale}", 0.0)
+            if deviation > 0:
+                relative = deviation / float(getattr(getattr(vehicle.physics, axle), scale))
+                found[f"{axle}_{name}"] = relative * values[f"{axle}_{name}"]
+        height = f"{axle}.roll_centre_height"
+        if stated.get(height, 0.0) > 0:
+            found[f"{axle}_roll_centre_height"] = stated[height]
+    return found
+
+
 def _roll(axle: Axle, at_wheel: float) -> float:
     """Moment per roll of an axle [N m/rad] of a rate at each wheel [N/m]."""
     return at_wheel * axle.track**2 / 2
@@ -84,32 +108,39 @@ def similar(axle: Axle, load: float) -> tuple[float, float, float, float, float]
     return cornering / peak, slope / cornering, HANDLING_DEFAULTS.shape, peak, HANDLING_DEFAULTS.curvature
 
 
-def changes(vehicle: Vehicle, values: Mapping[str, float], told: Iterable[str]) -> Vehicle:
-    """The vehicle with the identified parameters `told` of a handling model in place of its own.
+def changes(vehicle: Vehicle, values: Mapping[str, float], determined: Iterable[str]) -> Vehicle:
+    """The vehicle with the identified parameters `determined` of a handling model in place of its own.
 
-    Tyres of an axle become similarity tyres where their stiffness is told, or its product with the peak. Roll stiffness
-    and damping scale what the file has of springs, bars and dampers. Raises `ValueError` if there can be no such car.
+    Tyres of an axle become similarity tyres where their stiffness is determined, or its product with the peak. Roll
+    stiffness and damping scale what the file has of springs, bars and dampers. Raises `ValueError` if there can be no
+    such car.
     """
-    told, before = set(told), of_vehicle(vehicle)
+    determined, before = set(determined), of_vehicle(vehicle)
     data = vehicle.model_dump(mode="json")
     physics, chassis = data["physics"], data["physics"]["chassis"]
-    chassis |= {name: values[name] for name in ("cog_height", "yaw_inertia") if name in told}
+    chassis |= {name: values[name] for name in ("cog_height", "yaw_inertia") if name in determined}
     for name in ("front", "rear"):
         axle = physics[name]
-        if f"{name}_roll_centre_height" in told:
+        if f"{name}_roll_centre_height" in determined:
             axle["roll_centre_height"] = values[f"{name}_roll_centre_height"]
-        if "roll_stiffness" in told:
+        if "roll_stiffness" in determined:
             factor = values["roll_stiffness"] / before["roll_stiffness"]
             axle["suspension_stiffness"] *= factor
             axle["antiroll_stiffness"] *= factor
-        if "roll_damping" in told:
+        if "roll_damping" in determined:
             axle["suspension_damping"] *= values["roll_damping"] / before["roll_damping"]
-        if f"{name}_stiffness" in told:
+        if f"{name}_stiffness" in determined:
             tyre = {key: values[f"{name}_{key}"] for key in TYRE}
             tyre["shape"] = min(max(tyre["shape"], 1.0), 2.5)
             axle["tyre"] = {"model": "similarity", "relaxation_time": values.get("lag", HANDLING_DEFAULTS.lag), **tyre}
             axle |= {"grip_scale": 1.0, "cornering_scale": 1.0, "longitudinal_scale": 1.0}
-    if "steering_gain" in told:
+    replaced = {
+        f"physics.{name}.{scale}"
+        for name in ("front", "rear") if f"{name}_stiffness" in determined
+        for scale in ("grip_scale", "cornering_scale", "longitudinal_scale")
+    }  # fmt: skip
+    data["uncertainty"] = {path: known for path, known in data["uncertainty"].items() if path not in replaced}
+    if "steering_gain" in determined:
         for sensor in data["sensors"].values():
             if sensor["kind"] == "steering":
                 sensor["gain"] *= values["steering_gain"]

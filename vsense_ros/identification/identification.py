@@ -1,7 +1,7 @@
 """A car's parameters from recordings: what `vsense identify` does.
 
 Passes of an identifying filter find the place (rinsing.py); then prior and drives are weighed (information.py), so that
-what the drives do not tell stays what the vehicle file says, and is refused by name.
+a parameter that the drives do not determine keeps the value of the vehicle file, and is refused by name.
 """
 
 from __future__ import annotations
@@ -101,14 +101,14 @@ ADVICE = {
 
 @dataclass(frozen=True)
 class Product:
-    """The cornering stiffness of an axle's tyre, D C_α [N/rad]: told even where its factors are not; `halves` are what
-    the first and the second half of the drives say, with their deviations."""
+    """The cornering stiffness of an axle's tyre, D C_α [N/rad], often determined where its factors are not. `halves`
+    has it by the first and by the second half of the drives, each with its standard deviation."""
 
     axle: str
     value: float
     deviation: float
     halves: tuple[tuple[float, float], tuple[float, float]]
-    told: bool
+    is_determined: bool
 
     @property
     def apart(self) -> float:
@@ -139,38 +139,39 @@ class Identification:
 
     @property
     def values(self) -> dict[str, float]:
-        """All parameters of the model: those that are told as identified, the rest as in the file."""
+        """All parameters of the model: those that are determined as identified, the rest as in the file."""
         known = self.start | dict(zip(self.found.names, self.found.values.tolist(), strict=True))
         kept = {refusal.name: self.start[refusal.name] for refusal in self.refused}
         for product in self.products:
-            if product.told:
+            if product.is_determined:
                 kept[f"{product.axle}_stiffness"] = product.value / (known | kept)[f"{product.axle}_peak"]
         return known | kept
 
     @property
-    def told(self) -> tuple[str, ...]:
-        """Names of the parameters that are told."""
+    def determined(self) -> tuple[str, ...]:
+        """Names of the parameters that the drives determine."""
         refused = {refusal.name for refusal in self.refused}
-        products = [f"{product.axle}_stiffness" for product in self.products if product.told]
+        products = [f"{product.axle}_stiffness" for product in self.products if product.is_determined]
         return tuple(dict.fromkeys([*(name for name in self.free if name not in refused), *products]))
 
     def sentences(self) -> list[str]:
-        """What is not told and why, which manoeuvre would tell it, and what can hardly be told apart."""
-        lines = [f"{refusal}. It stays {self.start[refusal.name]:.4g}. To tell it, {advice(refusal.name)}."
+        """Parameters that are not determined, why, and what would help; those that can hardly be separated."""
+        lines = [f"{refusal}. It stays {self.start[refusal.name]:.4g}. To determine it, {advice(refusal.name)}."
                  for refusal in self.refused]  # fmt: skip
         weakest = self.found.weakest(
             best_4dof.JUDGED_BY_CURVE + tuple(n for n in self.found.names if n not in self.free)
         )
-        lines.append(f"Least told, in units of what is told of each alone, is {weakest}.")
+        lines.append(f"The combination of parameters that is determined least, relative to each alone, is {weakest}.")
         lines += [
-            f"{one} and {other} are hard to tell apart (correlation {correlation:+.2f})."
+            f"{one} and {other} are hard to separate (correlation {correlation:+.2f})."
             for one, other, correlation in self.found.pairs()
             if one in self.free and other in self.free
         ]
         if not self.rinsed.settled:
             lines.append(
                 f"After {len(self.rinsed.passes)} passes the curves still moved by "
-                f"{100 * self.rinsed.passes[-1].moved:.2g} % of their peak: what is least told is not at rest."
+                f"{100 * self.rinsed.passes[-1].moved:.2g} % of their peak: the combination that is determined "
+                "least has not settled."
             )
         for product in self.products:
             if product.apart > 3.0:
@@ -182,7 +183,7 @@ class Identification:
 
 
 def advice(name: str) -> str:
-    """Which driving would tell a parameter."""
+    """Driving that would determine a parameter."""
     return next((words for key, words in ADVICE.items() if key in name), "drive with more steering and braking")
 
 
@@ -195,7 +196,10 @@ def identify(
     held_out: Sequence[Recording] = (),
     progress: Progress | None = None,
 ) -> Identification:
-    """Raises `InputError` where the recordings cannot tell anything, or the free parameters are none of the model."""
+    """Identify the parameters of a handling model.
+
+    Raises `InputError` where the recordings cannot determine anything, or the free parameters are none of the model.
+    """
     found = [recorded.signals(one, vehicle) for one in recordings]
     for one_recording in found:
         check_signs(one_recording)
@@ -212,12 +216,12 @@ def identify(
             together = exact.factors
 
             def own(some: Sequence[Drive]) -> Information:
-                # With noise of their own: what tells two cars apart would else pass for noise of both.
+                # With noise of their own: what distinguishes two cars would else pass for noise of both.
                 exact.factors = together
                 return exact.weigh(some, weighed.values, one.begin(), prior)[0]
 
         else:
-            # What is not told must not wander from pass to pass.
+            # What is not determined must not wander from pass to pass.
             left = information(one, drives, one.begin(), prior).left
             one.scales = prior / best.SETTINGS.prior_share * np.clip(1 - left**2, 1e-3, 1.0)
             rinsed = rinse(one, drives, Schedule(passes=IDENTIFICATION.most_passes), progress=part(progress, 0, 2))
@@ -234,17 +238,17 @@ def identify(
     refused = tuple(r for r in refusals(weighed, best_4dof.JUDGED_BY_CURVE) if r.name in wanted)
     check_one_car(one, drives, own)
     products = tuple(_products(one, drives, weighed, own))
-    if len(refused) == len(wanted) and not any(product.told for product in products):
+    if len(refused) == len(wanted) and not any(product.is_determined for product in products):
         raise InputError(
-            "the drives tell none of the free parameters: "
-            + "; ".join(f"{refusal}; to tell it, {advice(refusal.name)}" for refusal in refused)
+            "the drives determine none of the free parameters: "
+            + "; ".join(f"{refusal}; to determine it, {advice(refusal.name)}" for refusal in refused)
         )
     made = Identification(
         model, vehicle, vehicle, start, wanted, weighed, rinsed, refused, products, tuple(drives), {}, {},
         tuple(r.name for r in held_out),
     )  # fmt: skip
     try:
-        changed = handling_values.changes(vehicle, made.values, {*made.told, *STEERING[:1]})
+        changed = handling_values.changes(vehicle, made.values, {*made.determined, *STEERING[:1]})
     except ValueError as error:
         raise InputError(f"the parameters that were found make no car: {error}") from None
     others = recorded.drives([recorded.signals(r, vehicle) for r in held_out], model)
@@ -282,7 +286,9 @@ def handling_identifier(
     whole = WithSensorErrors(base)
     start = {name: value for name, value in handling_values.of_vehicle(vehicle).items() if name in base.parameters}
     start |= {"steering_gain": 1.0, "steering_offset": 0.0, "steering_delay": 0.0}
-    prior = np.array([*best.prior(start, wanted), *IDENTIFICATION.steering_prior])
+    prior = np.array(
+        [*_prior(vehicle, start, wanted, [drive.name for drive in drives]), *IDENTIFICATION.steering_prior]
+    )
     if how.by_likelihood and drives:
         outputs = np.maximum(np.sqrt(np.mean([np.square(drive.noise) for drive in drives], axis=0)), how.noise.outputs)
     else:
@@ -296,6 +302,21 @@ def handling_identifier(
         scales=prior / best.SETTINGS.prior_share, bounds=best_4dof.BOUNDS,
     )  # fmt: skip
     return one, prior
+
+
+def _prior(vehicle: Vehicle, start: Mapping[str, float], wanted: Sequence[str], drives: Sequence[str]) -> Array:
+    """Prior standard deviations (p,) of the free parameters: those of the vehicle file, else those of `best.prior`.
+
+    A deviation that comes from one of the same drives is left out, so that no drive counts twice.
+    """
+    independent = {
+        path: known
+        for path, known in vehicle.uncertainty.items()
+        if not any(name in known.source for name in drives if name)
+    }
+    stated = handling_values.deviations(vehicle.model_copy(update={"uncertainty": independent}))
+    usual = best.prior(start, wanted)
+    return np.array([stated.get(name, default) for name, default in zip(wanted, usual.tolist(), strict=True)])
 
 
 def check_free(wanted: Sequence[str], known: Sequence[str], model: str) -> None:
@@ -336,9 +357,9 @@ def check_one_car(one: Identifier, drives: Sequence[Drive], own: Weigh) -> None:
         return
     alone = [own([drive]) for drive in drives]
     for axle in AXLES:
-        told = [cornering_stiffness(found, axle, one.values) for found in alone]
-        for i, (a, s) in enumerate(told):
-            for j, (b, t) in enumerate(told[:i]):
+        stiffness = [cornering_stiffness(found, axle, one.values) for found in alone]
+        for i, (a, s) in enumerate(stiffness):
+            for j, (b, t) in enumerate(stiffness[:i]):
                 if abs(a - b) > max(
                     IDENTIFICATION.two_cars_deviations * float(np.hypot(s, t)),
                     IDENTIFICATION.two_cars_share * max(a, b),

@@ -43,19 +43,19 @@ def rows(found: Identification) -> list[tuple[str, str, str, str, str, str]]:
     refused = {refusal.name: refusal for refusal in found.refused}
     made = []
     for name, value, deviation in zip(found.found.names, found.found.values, found.found.deviations, strict=True):
-        told = "refused" if name in refused else "told" if name in found.free else "sensor"
-        made.append((name, f"{found.start[name]:.4g}", f"{value:.4g}", f"{deviation:.2g}", unit_of(name), told))
+        verdict = "refused" if name in refused else "determined" if name in found.free else "sensor"
+        made.append((name, f"{found.start[name]:.4g}", f"{value:.4g}", f"{deviation:.2g}", unit_of(name), verdict))
     for product in found.products:
         before = found.start[f"{product.axle}_stiffness"] * found.start[f"{product.axle}_peak"]
-        told = "told" if product.told else "refused"
+        verdict = "determined" if product.is_determined else "refused"
         name = f"{product.axle} cornering stiffness, D C_α"
-        made.append((name, f"{before:.4g}", f"{product.value:.4g}", f"{product.deviation:.2g}", "N/rad", told))
+        made.append((name, f"{before:.4g}", f"{product.value:.4g}", f"{product.deviation:.2g}", "N/rad", verdict))
     return made
 
 
 def show(found: Identification, out: Console) -> None:
     """Tables and sentences for the terminal."""
-    table = plain_table("parameter", "before", "found", "±", "unit", "", right=("before", "found", "±"))
+    table = plain_table("parameter", "before", "estimate", "±", "unit", "", right=("before", "estimate", "±"))
     for row in rows(found):
         table.add_row(*(Text(cell, style="dim" if row[-1] == "refused" else "") for cell in row))
     out.print(table)
@@ -81,12 +81,12 @@ def content(found: Identification) -> dict[str, Any]:
         "parameters": {
             name: {
                 "before": found.start[name], "value": float(found.found.values[i]),
-                "deviation": float(found.found.deviations[i]), "told": name in found.told,
+                "deviation": float(found.found.deviations[i]), "determined": name in found.determined,
             }
             for i, name in enumerate(found.found.names)
         },
         "cornering_stiffness": {
-            p.axle: {"value": p.value, "deviation": p.deviation, "told": p.told, "halves": p.halves}
+            p.axle: {"value": p.value, "deviation": p.deviation, "determined": p.is_determined, "halves": p.halves}
             for p in found.products
         },
         "refused": {refusal.name: str(refusal) for refusal in found.refused},

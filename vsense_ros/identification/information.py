@@ -1,4 +1,4 @@
-"""What a drive told of the free parameters, and what it did not.
+"""How well a drive determines the free parameters, and which it leaves undetermined.
 
 The posterior covariance of a pass that began with the prior covariance D² gives the information of the drive alone,
 I = P⁻¹ - D⁻². Units of parameters differ, so that its eigenvalues mean nothing until it is scaled, D I D: an eigenvalue
@@ -76,7 +76,7 @@ class Information:
 
     @property
     def directions(self) -> tuple[Direction, ...]:
-        """Combinations of parameters in units of their prior deviations, the least told first."""
+        """Combinations of parameters in units of their prior deviations, the least determined first."""
         values, vectors = np.linalg.eigh(self.scaled)
         return tuple(Direction(v, float(w), self.names) for w, v in zip(values, vectors.T, strict=True))
 
@@ -208,14 +208,14 @@ class Refusal:
         """Why, in a sentence without its full stop."""
         if self.beside:
             return (
-                f"{self.name} cannot be told apart from {' and '.join(self.beside)}: together they are "
+                f"{self.name} cannot be separated from {' and '.join(self.beside)}: together they are "
                 f"{self.amplification:.0f} times as uncertain as alone"
             )
-        return f"{self.name} is not told: {100 * self.left:.0f} % of what was uncertain of it before are left"
+        return f"{self.name} is not determined: {100 * self.left:.0f} % of its prior standard deviation remain"
 
 
 def refusals(found: Information, judged_by_curve: Collection[str] = ()) -> list[Refusal]:
-    """Parameters that are not told, or not told apart from others.
+    """Parameters that are not determined, or cannot be separated from others.
 
     Of one that is told no more than `INFORMATION.determined_share` of its prior deviation is left. One whose deviation
     is more than `INFORMATION.inseparable_ratio` times that alone cannot be told apart. Both are milder with those that

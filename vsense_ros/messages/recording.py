@@ -115,6 +115,21 @@ class Channel:
         """Time of measurement relative to the first row [s]."""
         return (self.stamp - self.stamp[0]) * 1e-9 if len(self) else np.zeros(0)
 
+    @property
+    def measured(self) -> Mapping[str, NDArray[np.float64]]:
+        """The columns, with NaN in the rows in which a vector is absent: its covariance there begins with -1, as the
+        definition of sensor_msgs/Imu has it. Of a car whose rates and accelerations are in two frames of its bus, each
+        message has one of the vectors."""
+        found = dict(self.columns)
+        for name, covariance in self.columns.items():
+            field = name.removesuffix("_covariance")
+            if field == name or field not in found or covariance.shape[1] == 0:
+                continue
+            absent = covariance[:, 0] == -1
+            if absent.any():
+                found[field] = np.where(absent[:, None], np.nan, found[field])
+        return found
+
     def table(self) -> Table:
         """The signals of the topic with their units, by time of measurement; without covariances. Of two messages with
         one stamp the one that arrived last counts."""

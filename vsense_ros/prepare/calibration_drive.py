@@ -129,7 +129,7 @@ def drive_of(recording: Recording, vehicle: Vehicle) -> CalibrationDrive:
 
 def _signals(sensor: SensorBase, channel: Channel, vehicle: Vehicle) -> Iterator[tuple[str, Array]]:
     """What a channel gives for a sensor, by the names of a drive, each (m, k)."""
-    columns = channel.columns
+    columns = channel.measured
     if isinstance(sensor, Imu):
         turned = {**columns, **sensor.message_in_axes_of_car(columns)}
         yield "rates", turned["angular_velocity"]

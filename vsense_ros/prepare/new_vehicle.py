@@ -36,6 +36,10 @@ class NewVehicle:
         """Paths of the numbers that follow from the catalogue alone."""
         return tuple(path for path, number in self.numbers.items() if number.rule == GIVEN)
 
+    def write(self, path: str | Path) -> None:
+        """Write the vehicle file: each uncertain number with its standard deviation and the rule behind it."""
+        write_new_vehicle(path, self)
+
 
 def new_vehicle(car: CatalogueValues) -> NewVehicle:
     """The vehicle with what the catalogue says, and the most likely value of everything else.

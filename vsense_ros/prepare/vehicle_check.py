@@ -52,6 +52,11 @@ def check_vehicle(path: str | Path, recordings: Sequence[Recording] = ()) -> Veh
         vehicle = load_vehicle(path)
     except InputError as error:
         return VehicleCheck(Path(path).stem, None, check_document(content), str(error))
+    return check_loaded(vehicle, recordings)
+
+
+def check_loaded(vehicle: Vehicle, recordings: Sequence[Recording] = ()) -> VehicleCheck:
+    """Check a vehicle that is one by its schema, and whether it fits recordings."""
     fit = check_fit(vehicle, recordings) if recordings else ()
     return VehicleCheck(vehicle.name, vehicle, check_car(vehicle), fit=fit)
 

@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 from ruamel.yaml import YAML
 
+from vsense_ros.bag.can_names import WHEEL_SIDES, likeness, side_keys
 from vsense_ros.bag.can_proposal import proposal
 from vsense_ros.bag.can_roles import recognize
 from vsense_ros.bag.can_survey import survey
@@ -90,9 +91,12 @@ def guess(path: Path, dbc: Path | None = None) -> Proposal:
     remarks: list[str] = []
     topics: dict[str, Any] = {}
     taken: set[str] = set()
+    wheels = _wheels(columns)
     for topic, field, pattern in _NAMES:
         expression = re.compile(_START + pattern + _END, re.IGNORECASE)
         name = next((name for name in columns if name not in taken and expression.match(name)), None)
+        if topic == "vehicle/wheel_speeds" and name is None:
+            name = wheels.get(field.removeprefix("velocity.wheel_"))
         if name is None:
             continue
         taken.add(name)
@@ -108,6 +112,16 @@ def guess(path: Path, dbc: Path | None = None) -> Proposal:
     if left:
         remarks.append(f"not used: {', '.join(left[:20])}{' …' if len(left) > 20 else ''}")
     return Proposal(_yaml(content), tuple(remarks))
+
+
+def _wheels(columns: Mapping[str, Array]) -> dict[str, str]:
+    """Columns of the speeds of four wheels by wheel, if there are four whose names differ in the wheel alone."""
+    families: dict[tuple[int, str], dict[str, str]] = {}
+    for name in columns:
+        if likeness("wheel_speed", name, "") > 0:
+            for row, side, key in side_keys(name):
+                families.setdefault((row, key), {}).setdefault(side, name)
+    return next((family for family in families.values() if set(family) == set(WHEEL_SIDES)), {})
 
 
 def _of_bag(path: Path) -> Proposal:
