@@ -125,7 +125,7 @@ def genesis() -> Car:
     slow, fast, third = (
         import_recording(folder / name) for name in ("cpg_slow_lap.mat", "cpg_fast_lap.mat", "med_lap_center_8_21.mat")
     )
-    values = {
+    values: dict[str, str | float] = {
         "mass": 2100.0, "wheelbase": 3.01, "track": 1.62, "track-rear": 1.65, "axle-load-front": 1090.0,
         "tyre": "245/45R18 100", "driven": "rear", "height": 1.48, "like": "saloon",
     }  # fmt: skip
@@ -137,7 +137,7 @@ def genesis() -> Car:
 def rav4() -> Car:
     """The RAV4: half of its minute to calibrate on, the other held out."""
     whole = import_recording(datasets.fetch("comma2k19_rav4"))
-    values = {
+    values: dict[str, str | float] = {
         "mass": 1650.0, "wheelbase": 2.66, "track": 1.57, "axle-load-front": 970.0, "tyre": "225/65R17 102",
         "height": 1.70,
     }  # fmt: skip
