@@ -43,6 +43,14 @@ class Widening(NamedTuple):
     variance: float
 
 
+class Apart(NamedTuple):
+    """How far apart the motions are that sensors in an open contradiction measure, as standard deviations."""
+
+    ahead: float = 0.0  # of the velocity [m/s]
+    across: float = 0.0  # of the velocity [m/s]
+    yaw_rate: float = 0.0  # [rad/s]
+
+
 class Judged(NamedTuple):
     """An inertial sensor as the vote sees it: names of its axes, places of those that the filter uses, how many other
     numbers stand behind its innovations, and its gate [standard deviations]."""
@@ -203,8 +211,8 @@ class Adapter(ABC):
         """Let the variance of an element of the state grow."""
         raise NotImplementedError
 
-    def doubted_motion(self, speed: float, way: float) -> list[Widening]:
-        """What is to be widened where velocities may be wrong by `speed` [m/s], and the place by `way` [m]."""
+    def doubted_motion(self, apart: Apart, way: float) -> list[Widening]:
+        """What is to be widened where velocities may be wrong by so much, and the place by `way` [m]."""
         return []
 
     # Resets
@@ -244,6 +252,9 @@ class Adapter(ABC):
     @abstractmethod
     def snapshot(self, stamp: int) -> Any:
         """The newest state, to be kept."""
+
+    def widen_published(self, snapshot: Any, apart: Apart) -> None:  # noqa: B027
+        """Add to the covariances of a state that is to be published what an open contradiction leaves undecided."""
 
     @abstractmethod
     def vitals(self, snapshot: Any) -> Vitals:

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from vsense_ros.estimation.timeline import Event, Timeline
 from vsense_ros.messages.diagnostic import Level
 from vsense_ros.model.sensors import SensorBase, place_of
-from vsense_ros.runner.adapter import Widening
+from vsense_ros.runner.adapter import Apart, Widening
 
 Array = NDArray[np.float64]
 
@@ -47,6 +47,11 @@ class Judge(ABC):
     def doubts(self) -> list[str]:
         """What is doubtful of the whole estimate, in words, besides sensors that are out."""
         return []
+
+    @property
+    def apart(self) -> Apart:
+        """How far apart the motions are that sensors measure, while it is not decided which of them are right."""
+        return Apart()
 
     def doubt(self, index: int) -> str:
         """What is doubtful about a sensor that is in use, in words; empty for nothing."""
@@ -89,6 +94,12 @@ class Judges:
     def suspect(self) -> bool:
         """True while an inertial axis that seems wrong may be right, because another sensor is wrong."""
         return any(judge.suspect for judge in self._judges)
+
+    @property
+    def apart(self) -> Apart:
+        """The widest of what is undecided for any of them."""
+        widest = zip(*(judge.apart for judge in self._judges), strict=True)
+        return Apart(*map(max, widest)) if self._judges else Apart()
 
     def forget(self, stamp: int) -> None:
         """The filter begins anew, at a time [ns]."""

@@ -29,7 +29,7 @@ from vsense_ros.observer.sensors import check_sensors
 from vsense_ros.observer.spi import Spi
 from vsense_ros.observer.state import DISTURB, FORWARD, LATERAL, SLOPES, YAW_RATE, U
 from vsense_ros.observer.tilt import Tilt
-from vsense_ros.runner.adapter import Adapter, Judged, Move, Report, Widening, adapter_of
+from vsense_ros.runner.adapter import Adapter, Apart, Judged, Move, Report, Widening, adapter_of
 from vsense_ros.runner.guard import GUARD, Vitals
 
 Array = NDArray[np.float64]
@@ -40,7 +40,7 @@ _SPIN_DEVIATION = 2.0  # [rad/s] of the spin of a wheel once the speed has been 
 _CONVERGED = np.array([0.5, 0.5, 0.02])  # [m/s], [m/s], [rad/s] deviations of velocity and yaw rate that may be used
 _SETTLED = 1.0  # [s] from the start on before which nothing counts as converged
 _TURNED_PLACE, _TURNED_YAW = 10.0, 0.1  # [m], [rad] deviations once the car has been turned around
-_SIDEWAYS = 0.3  # share of a wrong velocity that may be lateral
+_UNDECIDED = 0, 1, 5  # elements of velocity and rates that an `Apart` is about
 _ALIKE = 0.9  # correlation of the errors of two parameters that can hardly be told apart
 
 
@@ -178,9 +178,9 @@ class CarAdapter(Adapter):
     def widen(self, widening: Widening) -> None:
         self.car.covariance[widening.element, widening.element] += widening.variance
 
-    def doubted_motion(self, speed: float, way: float) -> list[Widening]:
-        spin = speed / self.vehicle.physics.rear.unloaded_radius
-        elements = [(FORWARD, speed), (LATERAL, _SIDEWAYS * speed), (X, way), (Y, way)]
+    def doubted_motion(self, apart: Apart, way: float) -> list[Widening]:
+        spin = apart.ahead / self.vehicle.physics.rear.unloaded_radius
+        elements = [(FORWARD, apart.ahead), (LATERAL, apart.across), (X, way), (Y, way)]
         elements += [(U.start + place, spin) for place in _SPINS]
         return [Widening(element, deviation**2) for element, deviation in elements]
 
@@ -236,6 +236,10 @@ class CarAdapter(Adapter):
 
     def snapshot(self, stamp: int) -> Estimate:
         return Estimate.of(stamp, self.filter)
+
+    def widen_published(self, snapshot: Estimate, apart: Apart) -> None:
+        for element, deviation in zip(_UNDECIDED, apart, strict=True):
+            snapshot.twist_covariance[element, element] += deviation**2
 
     def vitals(self, snapshot: Estimate) -> Vitals:
         with np.errstate(invalid="ignore"):  # a road that is steeper than any leaves no attitude

@@ -27,6 +27,7 @@ from vsense_ros.observer.estimate import BALANCE
 from vsense_ros.observer.monitor import Limits, Monitor
 from vsense_ros.runner.adapter import Adapter, MakeFilter, Move, Report, Widening, adapter_of
 from vsense_ros.runner.direction_judge import DirectionJudge
+from vsense_ros.runner.fit_judge import FitJudge
 from vsense_ros.runner.guard import Guard
 from vsense_ros.runner.judge import Judges
 from vsense_ros.runner.placement import Place, Placement
@@ -78,6 +79,7 @@ class Runner:
         self.vote = Vote(adapter, channels, others_there=self._others_there, by_hand=self._move, tell=self._complain)
         direction = DirectionJudge(adapter, lambda stamp, sentence: self.resets.tell(stamp, sentence))
         judges = (
+            FitJudge(adapter, self._all_believed),
             direction,
             SteeringJudge(adapter, self.vote, len(channels), self._complain),
             TravelJudge(adapter, self.intake, self.vote, direction, len(channels)),
@@ -334,6 +336,10 @@ class Runner:
             for i, sensor in enumerate(self.intake.sensors)
         )
 
+    def _all_believed(self) -> bool:
+        """True if no sensor, and no axis of one, is left out."""
+        return not any(axes.out for axes in self.vote.axes.values()) and not any(judge.out for judge in self.judges)
+
     def _move(self, event: Event) -> None:
         """Do what an event asks for that is no measurement: move an element of the state, or widen its variance."""
         element, *numbers = event.value.tolist()
@@ -370,6 +376,9 @@ class Runner:
                 newest = self.adapter.snapshot(self.stamp)
         if self.started:
             self.adapter.watch(newest, lambda: self.converged)
+            apart = self.judges.apart
+            if any(apart):
+                self.adapter.widen_published(newest, apart)
         return newest
 
     def snapshot_at(self, stamp: int) -> Any:

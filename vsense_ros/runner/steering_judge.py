@@ -16,7 +16,7 @@ from operator import attrgetter
 import numpy as np
 
 from vsense_ros.estimation.timeline import Event, Timeline
-from vsense_ros.runner.adapter import Adapter, Move, Widening
+from vsense_ros.runner.adapter import Adapter, Apart, Move, Widening
 from vsense_ros.runner.judge import Judge, widening_event
 from vsense_ros.runner.vote import Vote
 from vsense_ros.runner.vote_settings import STEERING, VOTE
@@ -53,6 +53,23 @@ class SteeringJudge(Judge):
     @property
     def suspect(self) -> bool:  # type: ignore[override]
         return not self.out and self._witnesses.suspects_steering
+
+    @property
+    def _undecided(self) -> bool:
+        """True while gyro and steering contradict each other, and it is not decided which of them is wrong."""
+        decided = self.out or next(self._vote.out, None)
+        return not decided and self._witnesses.contradiction > WITNESSES.suspicious
+
+    @property
+    def doubts(self) -> list[str]:
+        return ["gyro and steering contradict each other"] if self._undecided else []
+
+    @property
+    def apart(self) -> Apart:
+        if not self._undecided:
+            return Apart()
+        turned = self._witnesses.contradiction * abs(self._adapter.forward_speed)
+        return Apart(across=turned, yaw_rate=self._witnesses.apart_by)
 
     def hear(self, event: Event) -> None:
         self._witnesses.hear(event)

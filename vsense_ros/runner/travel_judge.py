@@ -6,7 +6,7 @@ from vsense_ros.estimation.intake import Intake
 from vsense_ros.estimation.timeline import Event, Timeline
 from vsense_ros.messages.diagnostic import Level
 from vsense_ros.model.sensors import SensorBase
-from vsense_ros.runner.adapter import Adapter
+from vsense_ros.runner.adapter import Adapter, Apart
 from vsense_ros.runner.direction_judge import DirectionJudge
 from vsense_ros.runner.judge import Judge, widening_event
 from vsense_ros.runner.velocity_witnesses import SETTINGS, VelocityWitnesses
@@ -37,6 +37,26 @@ class TravelJudge(Judge):
     def suspect(self) -> bool:  # type: ignore[override]
         since = self.witnesses.since
         return not self.out and since > 0 and self._intake.newest_arrival - since < SETTINGS.longest_wait * 1e9
+
+    @property
+    def _undecided(self) -> bool:
+        """True while two of them contradict each other, and it is not decided who is wrong."""
+        return not self.out and self.witnesses.since > 0
+
+    @property
+    def doubts(self) -> list[str]:
+        if not self._undecided:
+            return []
+        return [f"wheels, velocity and position are apart by {self.witnesses.apart_by:.1f} m/s"]
+
+    @property
+    def apart(self) -> Apart:
+        return self._apart_by() if self._undecided else Apart()
+
+    def _apart_by(self) -> Apart:
+        """How far the estimated velocity may be from the actual one, where one of them is wrong."""
+        ahead = min(self.witnesses.apart_by, SETTINGS.doubted)
+        return Apart(ahead, SETTINGS.sideways * ahead)
 
     def forget(self, stamp: int) -> None:
         self.witnesses.forget()
@@ -101,6 +121,6 @@ class TravelJudge(Judge):
             if event.sensor == index:
                 event.without(list(range(len(event.value))))
         if ahead and index != found.position:
-            speed = min(found.apart_by, SETTINGS.doubted)
-            widened = self._adapter.doubted_motion(speed, speed * SETTINGS.windows[0])
+            apart = self._apart_by()
+            widened = self._adapter.doubted_motion(apart, apart.ahead * SETTINGS.windows[0])
             ahead[:0] = [widening_event(self._shift, ahead[0].stamp, one) for one in widened]

@@ -44,6 +44,7 @@ class VelocityWitnessSettings:
     before: float = 2.0  # [s] before a contradiction; inertial axes left out since then may have been right
     longest_wait: float = 3.0  # [s] in which no inertial axis is left out, as one of the witnesses may be wrong
     doubted: float = 2.0  # [m/s] by which a sensor that was wrong may have drawn the velocity, at most
+    sideways: float = 0.3  # [-] share of a wrong velocity that may be lateral
     between: float = 0.045  # [s] between wheel speeds of which the way is made
     sliding: float = 3.0  # [m/s²] longitudinal acceleration from which on wheels may slide, until
     rolling_again: float = 0.5  # [s] later

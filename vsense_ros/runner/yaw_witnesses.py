@@ -72,7 +72,9 @@ _CRAWLING = 0.1  # [m/s] for a division by the speed, far below the slowest that
 class YawWitnesses:
     """The direct witnesses of one car's yaw rate; `hear` takes messages in order of arrival, `feel` inertial ones.
 
-    `since` is the stamp [ns] since when the gyro has contradicted the steering; `wrong` is true once the steering is.
+    `since` is the stamp [ns] since when the gyro has contradicted the steering, `contradiction` by how much they have
+    turned apart meanwhile beyond their margins, `apart_by` by how much the yaw rates of both differ; `wrong` is true
+    once the steering is.
     """
 
     def __init__(self, vehicle: Vehicle, sensors: Mapping[str, SensorBase]) -> None:
@@ -104,7 +106,7 @@ class YawWitnesses:
         self._seen: deque[tuple[int, float, float, float, float]] = deque(maxlen=64)
         self._ways = [0.0, 0.0, 0.0]  # integrals of the yaw rates of gyro and steering, least and largest [rad]
         self._by_course = 0
-        self.contradiction = 0.0  # [rad]
+        self.contradiction = self.apart_by = 0.0  # [rad], [rad/s]
         self.since = 0
         self.agreed = 0.0  # [s] for which steering and gyro have agreed while the car turned or went straight
         self._support = 0
@@ -161,6 +163,7 @@ class YawWitnesses:
             self.agreed = 0.0
             return
         by_offset = limit * speed / (self._a + self._b)
+        self.apart_by = abs(gyro - steered)
         margin = s.gyro + s.steering + by_offset + s.share * max(abs(gyro), abs(steered))
         least = largest = steered
         if self._largest > s.linear:

@@ -1,0 +1,261 @@
+"""Does the car drive as the vehicle file says? Two regressions on what sensors measure, without the filter's model.
+
+The steering angle δ against the curvature r / V and the lateral acceleration a that the axles feel, with the wheelbase
+L, the understeer angle U(a) of the file's tyres and the offset δ₀,
+
+    δ = ρ L r / V + U(a) + Δ a + δ₀ + τ δ̇,
+
+gives ρ, the steering ratio times the wheelbase over those of the file, and Δ, what the understeer gradient has beyond
+the file's. The course of GNSS at an antenna against the integrated yaw rate,
+
+    course - ∫ r dt = constant - b t + s ∫ r dt - τ r + x r / V - κ α(a),
+
+gives x, the distance of the antenna from the rear axle, and κ, the slip angle of the rear axle over α(a), that of the
+file's tyres; b and s are bias and scale error of the gyro, τ is a lag (compare Bevly et al. 2006, IEEE Trans. Vehicular
+Technology 55(6)). A mass alone shows in neither: mass over cornering stiffness does, in κ and Δ.
+"""
+
+from __future__ import annotations
+
+from collections import deque
+from collections.abc import Iterator
+from dataclasses import dataclass
+from math import degrees, hypot, isfinite, nan
+
+import numpy as np
+from numpy.typing import NDArray
+
+from vsense_ros.estimation.regression import posterior
+from vsense_ros.model.constants import GRAVITY
+from vsense_ros.model.handling.base import HANDLING, static_loads
+from vsense_ros.model.tyres import TyreInput
+from vsense_ros.model.vehicle import Vehicle
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class CarFitSettings:
+    """Times, bounds and tolerances: decisions of this project, but where a source is named."""
+
+    step: float = 0.1  # [s] over which signals are averaged
+    block: float = 12.0  # [s] of driving within which residuals may be correlated
+    shortest: float = 4.0  # [s] of a block that is used
+    blocks: int = 40  # [-] that are remembered: 8 minutes
+    least: int = 5  # [-] blocks before anything is concluded: a minute
+    slowest: float = 4.0  # [m/s] below which a course says little
+    linear: float = 4.0  # [m/s²] lateral acceleration up to which tyres are as a single track has them
+    apart: float = 0.095  # [s] between two courses
+    together: int = 5  # [-] steps whose mean is one row of the regression of the steering
+    # Standard deviations before the drive.
+    ratio_spread: float = 0.3  # [-]
+    understeer_spread: float = 0.01  # [rad s²/m] 6 °/g
+    offset_spread: float = 0.05  # [rad]
+    steering_lag: float = 0.15  # [s] that a car may answer its steering later
+    bias_spread: float = 0.01  # [rad/s]
+    scale_spread: float = 0.02  # [-]
+    course_lag: float = 0.05  # [s] that a receiver or a bus may be late
+    place_spread: float = 2.0  # [m]
+    slip_spread: float = 0.5  # [-]
+    # What a file may differ by without a word, beside so many standard deviations of the estimate, and how often.
+    sure: float = 3.0  # [-]
+    confirmed: int = 3  # [-] times in a row
+    ratio: float = 0.12  # [-] as in the check of a vehicle file
+    understeer: float = 0.0027  # [rad s²/m] 1.5 °/g: shipped files differ by 1.3 from what a single track would have
+    place: float = 0.1  # [m]
+    slip: float = 0.4  # [-]
+
+
+CAR_FIT = CarFitSettings()
+
+
+@dataclass(frozen=True)
+class Quantity:
+    """One number of the car: the file's, and what the drive says, with its standard deviation; `tolerance` is by how
+    much they may differ. Without a `unit` it is a share of the file's."""
+
+    words: str
+    unit: str
+    file: float
+    value: float
+    deviation: float
+    tolerance: float
+
+    @property
+    def differs(self) -> bool:
+        """True if the car's is surely another one than the file's."""
+        return abs(self.value - self.file) > hypot(self.tolerance, CAR_FIT.sure * self.deviation)
+
+    def sentence(self) -> str:
+        """The difference in words."""
+        if self.unit:
+            return f"{self.words} {self.value:.2f} ± {self.deviation:.2f} {self.unit}, {self.file:.2f} by the file"
+        percent, spread = 100 * abs(self.value - self.file), 100 * self.deviation
+        than = "larger" if self.value > self.file else "smaller"
+        return f"{self.words} {percent:.0f} ± {spread:.0f} % {than} than by the file"
+
+
+@dataclass
+class _Step:
+    """Means over one step: the middle and the end of it [s], the heading turned to at the end [rad], and signals."""
+
+    time: float
+    end: float
+    heading: float
+    rate: float
+    felt: float
+    speed: float
+    angle: float
+
+
+class CarFit:
+    """Both regressions for one car. `arm` is the distance ahead of the rear axle, by the file, of the antenna whose
+    courses `travel` takes [m].
+
+    `angle` is to be set to each new steering angle at the road wheels [rad]; what is asked of it is left out while it
+    is NaN.
+    """
+
+    def __init__(self, vehicle: Vehicle, arm: float) -> None:
+        chassis = vehicle.physics.chassis
+        self._wheelbase = chassis.cog_to_front_axle + chassis.cog_to_rear_axle
+        self._arm = arm
+        self._accelerations, self._front, self._rear = axle_slips(vehicle)
+        self._steering_blocks: deque[tuple[Array, Array]] = deque(maxlen=CAR_FIT.blocks)
+        self._course_blocks: deque[tuple[Array, Array]] = deque(maxlen=CAR_FIT.blocks)
+        self._streaks: dict[str, int] = {}  # how often in a row a quantity has differed, by its words
+        self.quantities: tuple[Quantity, ...] = ()  # what is known of the car by now
+        self.angle = nan  # the newest at the road wheels [rad]
+        self.forget()
+
+    def forget(self) -> None:
+        """Begin a new block: what came before does not belong to what comes."""
+        self._steps: list[_Step] = []
+        self._courses: list[tuple[float, float, float]] = []  # time [s], velocity east and north [m/s]
+        self._sums, self._time = [0.0] * 4, 0.0
+
+    def travel(self, stamp: int, east: float, north: float) -> None:
+        """Take in a velocity over ground [m/s] at a time [ns]."""
+        time = stamp * 1e-9
+        if not self._courses or time - self._courses[-1][0] > CAR_FIT.apart:
+            self._courses.append((time, east, north))
+
+    def feel(self, stamp: int, h: float, rate: float, felt: float, speed: float) -> None:
+        """Take in the means over `h` [s] up to a time [ns]: yaw rate [rad/s] and lateral acceleration [m/s²] as
+        measured, and the speed [m/s]."""
+        if not (speed > CAR_FIT.slowest and abs(felt) < CAR_FIT.linear and isfinite(rate)):
+            self._end_block()
+            return
+        self._time += h
+        self._sums = [total + h * one for total, one in zip(self._sums, (rate, felt, speed, self.angle), strict=True)]
+        if self._time >= CAR_FIT.step:
+            self._end_step(stamp * 1e-9)
+
+    def _end_step(self, end: float) -> None:
+        turned, time = self._sums[0], self._time
+        means = [one / time for one in self._sums]
+        steps = self._steps
+        if steps and end - time - steps[-1].end > CAR_FIT.step:  # the sensor was silent meanwhile
+            self._end_block()
+            steps = self._steps
+        before = steps[-1].heading if steps else 0.0
+        steps.append(_Step(end - time / 2, end, before + turned, *means))
+        self._sums, self._time = [0.0] * 4, 0.0
+        if end - steps[0].end >= CAR_FIT.block:
+            self._end_block()
+
+    def _end_block(self) -> None:
+        """Make a block of regression rows of what came since the last one."""
+        steps, courses = self._steps, self._courses
+        if not steps and not courses:
+            return
+        self.forget()
+        if not steps or steps[-1].end - steps[0].end < CAR_FIT.shortest:
+            return
+        if all(isfinite(one.angle) for one in steps):
+            self._steering_blocks.append(self._steering_rows(steps))
+        rows = self._course_rows(steps, courses)
+        if rows is not None:
+            self._course_blocks.append(rows)
+        self.quantities = tuple(self._estimated())
+        self._streaks = {one.words: self._streaks.get(one.words, 0) + 1 for one in self.quantities if one.differs}
+
+    @property
+    def differing(self) -> list[Quantity]:
+        """What is surely not as in the file."""
+        return [one for one in self.quantities if self._streaks.get(one.words, 0) >= CAR_FIT.confirmed]
+
+    def _steering_rows(self, steps: list[_Step]) -> tuple[Array, Array]:
+        """Rows of the equation of the steering angle."""
+        table = np.array([(one.rate, one.felt, one.speed, one.angle) for one in steps])
+        count = len(table) // CAR_FIT.together
+        rate, felt, speed, angle = table[: count * CAR_FIT.together].reshape(count, CAR_FIT.together, 4).mean(axis=1).T
+        understeer = self._slips(felt, self._front) - self._slips(felt, self._rear)
+        change = np.gradient(angle, CAR_FIT.together * CAR_FIT.step)
+        return np.column_stack([self._wheelbase * rate / speed, felt, np.ones(count), change]), angle - understeer
+
+    def _course_rows(self, steps: list[_Step], courses: list[tuple[float, float, float]]) -> tuple[Array, Array] | None:
+        """Rows of the equation of the course, their mean taken off, times the speed: a course errs by velocity over
+        speed. None where there are too few."""
+        ends, times = np.array([one.end for one in steps]), np.array([one.time for one in steps])
+        inside = [one for one in courses if ends[0] <= one[0] <= times[-1]]
+        if len(inside) < CAR_FIT.shortest:
+            return None
+        t, east, north = np.array(inside).T
+        heading = np.interp(t, ends, [one.heading for one in steps])
+        rate, felt = (
+            np.interp(t, times, values) for values in zip(*((one.rate, one.felt) for one in steps), strict=True)
+        )
+        speed = np.hypot(east, north)
+        if not speed.min() > CAR_FIT.slowest:
+            return None
+        y = np.unwrap(np.arctan2(north, east)) - heading
+        x = np.column_stack([t - t[0], heading, -rate, rate / speed, -self._slips(felt, self._rear)])
+        centre = speed @ np.column_stack([x, y]) / speed.sum()
+        return (x - centre[:-1]) * speed[:, None], (y - centre[-1]) * speed
+
+    def _slips(self, felt: Array, of_axle: Array) -> Array:
+        """Slip angles of an axle by the file at lateral accelerations [rad]."""
+        return np.sign(felt) * np.interp(np.abs(felt), self._accelerations, of_axle)
+
+    def _estimated(self) -> Iterator[Quantity]:
+        """The numbers of the car as far as the drive says."""
+        s = CAR_FIT
+        if len(self._steering_blocks) >= s.least:
+            prior = np.array([s.ratio_spread, s.understeer_spread, s.offset_spread, s.steering_lag])
+            steering = posterior(self._steering_blocks, np.array([1.0, 0.0, 0.0, 0.0]), prior)
+            (ratio, more, *_), (spread, spread_of_more, *_) = steering.values.tolist(), steering.deviations.tolist()
+            yield Quantity("steering ratio times wheelbase", "", 1.0, ratio, spread, s.ratio)
+            per_g = degrees(GRAVITY)
+            file = float(self._front[1] - self._rear[1]) / float(self._accelerations[1])
+            figures = (per_g * one for one in (file, file + more, spread_of_more, s.understeer))
+            yield Quantity("understeer gradient", "°/g", *figures)
+        if len(self._course_blocks) >= s.least:
+            prior = np.array([s.bias_spread, s.scale_spread, s.course_lag, s.place_spread, s.slip_spread])
+            course = posterior(self._course_blocks, np.array([0.0, 0.0, 0.0, self._arm, 1.0]), prior)
+            (*_, arm, slip), (*_, spread, spread_of_slip) = course.values.tolist(), course.deviations.tolist()
+            yield Quantity("GNSS antenna ahead of the rear axle", "m", self._arm, arm, spread, s.place)
+            words = "slip angle of the rear axle per lateral acceleration"
+            yield Quantity(words, "", 1.0, slip, spread_of_slip, s.slip)
+
+
+def axle_slips(vehicle: Vehicle) -> tuple[Array, Array, Array]:
+    """Lateral accelerations (n,) [m/s²] in steady cornering, and the slip angles (n,) [rad] of the front and the rear
+    axle at them, with the file's tyres under static loads."""
+    road = vehicle.physics.road
+    accelerations = np.linspace(0.0, CAR_FIT.linear, 9)
+    speed, found = HANDLING.slope_speed, []
+    angles = np.linspace(0.0, 0.3, 61)
+    for axle, load in zip((vehicle.physics.front, vehicle.physics.rear), static_loads(vehicle), strict=True):
+        forces = [
+            -axle.tyre.forces(
+                TyreInput(
+                    load, speed, axle.cornering_scale * speed * np.tan(angle), speed, road.friction * axle.grip_scale
+                )
+            ).lateral
+            for angle in angles
+        ]
+        felt = np.array([float(force) for force in forces]) * GRAVITY / load
+        rising = np.concatenate([[True], np.diff(np.maximum.accumulate(felt)) > 0])
+        found.append(np.interp(accelerations, felt[rising], angles[rising]))
+    return accelerations, found[0], found[1]

@@ -1,0 +1,52 @@
+"""Is it the car of the vehicle file? Watched over minutes, and said with numbers where it surely is not."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from math import nan
+
+from vsense_ros.estimation.timeline import Event, Timeline
+from vsense_ros.model.sensors import place_of
+from vsense_ros.runner.adapter import Adapter
+from vsense_ros.runner.car_fit import CarFit
+from vsense_ros.runner.judge import Judge
+
+
+class FitJudge(Judge):
+    """Compares the car with its vehicle file by gyro, course and steering, as far as `is_sound()` says that all of them
+    are believed. It leaves nobody out: nothing of the estimate changes."""
+
+    def __init__(self, adapter: Adapter, is_sound: Callable[[], bool]) -> None:
+        super().__init__()
+        self._adapter, self._is_sound = adapter, is_sound
+        sensors = tuple(adapter.sensors.values())
+        self._steering, self._course = (place_of(sensors, what) for what in ("steering", "course"))
+        self.hears = frozenset((self._steering, self._course))
+        self.judged = adapter.knows_car and self._course >= 0 and place_of(sensors, "rates and forces") >= 0
+        if self.judged:
+            antenna = float(sensors[self._course].mounting()[0])
+            self._fit = CarFit(adapter.vehicle, adapter.vehicle.physics.chassis.cog_to_rear_axle + antenna)
+
+    @property
+    def doubts(self) -> list[str]:
+        differing = "; ".join(one.sentence() for one in self._fit.differing)
+        return [f"does not drive as the vehicle file says: {differing}"] if differing else []
+
+    def forget(self, stamp: int) -> None:
+        self._fit.forget()
+        self._fit.angle = nan
+
+    def hear(self, event: Event) -> None:
+        if event.sensor == self._steering:
+            self._fit.angle = event.value.item(0)
+        else:
+            self._fit.travel(event.stamp, *event.value.tolist()[:2])
+
+    def feel(self, stamp: int, h: float, felt: list[float]) -> None:
+        if self._is_sound():
+            self._fit.feel(stamp, h, felt[2], felt[4], self._adapter.forward_speed)
+        else:
+            self._fit.forget()
+
+    def settle(self, timeline: Timeline) -> None:
+        """Nothing follows."""
