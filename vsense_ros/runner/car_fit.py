@@ -18,14 +18,14 @@ Technology 55(6)). A mass alone shows in neither: mass over cornering stiffness 
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from math import degrees, hypot, isfinite, nan
 
 import numpy as np
 from numpy.typing import NDArray
 
-from vsense_ros.estimation.regression import posterior
+from vsense_ros.estimation.regression import Posterior, posterior
 from vsense_ros.model.constants import GRAVITY
 from vsense_ros.model.handling.base import HANDLING, static_loads
 from vsense_ros.model.tyres import TyreInput
@@ -46,6 +46,7 @@ class CarFitSettings:
     slowest: float = 4.0  # [m/s] below which a course says little
     linear: float = 4.0  # [m/s²] lateral acceleration up to which tyres are as a single track has them
     apart: float = 0.095  # [s] between two courses
+    unlike: float = 9.0  # [-] mean square of the residuals of a block over their median, that is left out
     together: int = 5  # [-] steps whose mean is one row of the regression of the steering
     # Standard deviations before the drive.
     ratio_spread: float = 0.3  # [-]
@@ -61,7 +62,7 @@ class CarFitSettings:
     sure: float = 3.0  # [-]
     confirmed: int = 3  # [-] times in a row
     ratio: float = 0.12  # [-] as in the check of a vehicle file
-    understeer: float = 0.0027  # [rad s²/m] 1.5 °/g: shipped files differ by 1.3 from what a single track would have
+    understeer: float = 0.0053  # [rad s²/m] 3 °/g: banked roads and roll steer are worth 1.8 on shipped cars
     place: float = 0.1  # [m]
     slip: float = 0.4  # [-]
 
@@ -223,7 +224,7 @@ class CarFit:
         s = CAR_FIT
         if len(self._steering_blocks) >= s.least:
             prior = np.array([s.ratio_spread, s.understeer_spread, s.offset_spread, s.steering_lag])
-            steering = posterior(self._steering_blocks, np.array([1.0, 0.0, 0.0, 0.0]), prior)
+            steering = _fitted(self._steering_blocks, np.array([1.0, 0.0, 0.0, 0.0]), prior)
             (ratio, more, *_), (spread, spread_of_more, *_) = steering.values.tolist(), steering.deviations.tolist()
             yield Quantity("steering ratio times wheelbase", "", 1.0, ratio, spread, s.ratio)
             per_g = degrees(GRAVITY)
@@ -232,11 +233,19 @@ class CarFit:
             yield Quantity("understeer gradient", "°/g", *figures)
         if len(self._course_blocks) >= s.least:
             prior = np.array([s.bias_spread, s.scale_spread, s.course_lag, s.place_spread, s.slip_spread])
-            course = posterior(self._course_blocks, np.array([0.0, 0.0, 0.0, self._arm, 1.0]), prior)
+            course = _fitted(self._course_blocks, np.array([0.0, 0.0, 0.0, self._arm, 1.0]), prior)
             (*_, arm, slip), (*_, spread, spread_of_slip) = course.values.tolist(), course.deviations.tolist()
             yield Quantity("GNSS antenna ahead of the rear axle", "m", self._arm, arm, spread, s.place)
             words = "slip angle of the rear axle per lateral acceleration"
             yield Quantity(words, "", 1.0, slip, spread_of_slip, s.slip)
+
+
+def _fitted(blocks: Sequence[tuple[Array, Array]], mean: Array, prior: Array) -> Posterior:
+    """Coefficients as of `posterior`, without blocks that are unlike the others: in these a sensor was wrong."""
+    at = posterior(blocks, mean, prior).values
+    squares = np.array([np.mean((y - x @ at) ** 2) for x, y in blocks])
+    alike = squares <= CAR_FIT.unlike * np.median(squares)
+    return posterior([block for block, good in zip(blocks, alike, strict=True) if good], mean, prior)
 
 
 def axle_slips(vehicle: Vehicle) -> tuple[Array, Array, Array]:

@@ -13,12 +13,12 @@ from vsense_ros.runner.judge import Judge
 
 
 class FitJudge(Judge):
-    """Compares the car with its vehicle file by gyro, course and steering, as far as `is_sound()` says that all of them
-    are believed. It leaves nobody out: nothing of the estimate changes."""
+    """Compares the car with its vehicle file by gyro, course and steering, while `are_believed()` says that no sensor
+    has been left out for long. It leaves nobody out: nothing of the estimate changes."""
 
-    def __init__(self, adapter: Adapter, is_sound: Callable[[], bool]) -> None:
+    def __init__(self, adapter: Adapter, are_believed: Callable[[], bool]) -> None:
         super().__init__()
-        self._adapter, self._is_sound = adapter, is_sound
+        self._adapter, self._are_believed = adapter, are_believed
         sensors = tuple(adapter.sensors.values())
         self._steering, self._course = (place_of(sensors, what) for what in ("steering", "course"))
         self.hears = frozenset((self._steering, self._course))
@@ -43,7 +43,7 @@ class FitJudge(Judge):
             self._fit.travel(event.stamp, *event.value.tolist()[:2])
 
     def feel(self, stamp: int, h: float, felt: list[float]) -> None:
-        if self._is_sound():
+        if self._are_believed():
             self._fit.feel(stamp, h, felt[2], felt[4], self._adapter.forward_speed)
         else:
             self._fit.forget()

@@ -337,8 +337,9 @@ class Runner:
         )
 
     def _all_believed(self) -> bool:
-        """True if no sensor, and no axis of one, is left out."""
-        return not any(axes.out for axes in self.vote.axes.values()) and not any(judge.out for judge in self.judges)
+        """True unless a sensor is left out, or an axis of one for so long that it would be back if it were right."""
+        since = self.stamp - VOTE.longest
+        return not any(judge.out for judge in self.judges) and not any(out.decided < since for *_, out in self.vote.out)
 
     def _move(self, event: Event) -> None:
         """Do what an event asks for that is no measurement: move an element of the state, or widen its variance."""

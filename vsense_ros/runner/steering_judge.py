@@ -57,8 +57,8 @@ class SteeringJudge(Judge):
     @property
     def _undecided(self) -> bool:
         """True while gyro and steering contradict each other, and it is not decided which of them is wrong."""
-        decided = self.out or next(self._vote.out, None)
-        return not decided and self._witnesses.contradiction > WITNESSES.suspicious
+        open_ = self._witnesses.contradiction > WITNESSES.suspicious
+        return open_ and not self.out and not any(self._vote.out)
 
     @property
     def doubts(self) -> list[str]:
