@@ -7,14 +7,14 @@ property of the receiver sweep it with one seed of the noise.
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
 from matplotlib.axes import Axes
 from numpy.typing import NDArray
 
-from studies.leung import GENESIS_LAP, ROWS, SECTION_4_4, SHORT, angle_errors
+from studies.leung import GENESIS_LAP, ON_THE_BUS, ROWS, SECTION_4_4, SHORT, angle_errors
 from studies.leung_models_picture import COLOURS, labelled, page
 from studies.leung_study import estimate
 from vsense_ros.assess.drives import STEERING_RATIO, Case, Errors, Readings, Truth, drive_plant, readings
@@ -56,7 +56,7 @@ class TimeFigure:
     row: str
     filters: tuple[str, ...]
     quantities: tuple[str, ...]
-    errors: Errors = field(default_factory=Errors)
+    errors: Errors = ON_THE_BUS
 
 
 _DUAL = ("yaw", "gyro_bias", "forward_velocity", "lateral_velocity", "acceleration_bias_x", "acceleration_bias_y")
@@ -70,7 +70,7 @@ FIGURES = (
     TimeFigure("figure_4_4_dual_kkf", "States of the dual KKF", "LC25", ("dual_kkf",), _DUAL),
     TimeFigure("figure_4_5_side_slip", "Side slip in steps of a fix", "LC45", ("dual_kkf", "inertial"), ("side_slip",)),
     TimeFigure("figure_4_7_heading", "With a heading sensor of 0.1 rad and without", "DO25",
-               ("dual_kkf", "dual_kkf_heading"), ("yaw", "side_slip"), Errors(heading=0.1)),
+               ("dual_kkf", "dual_kkf_heading"), ("yaw", "side_slip"), replace(ON_THE_BUS, heading=0.1)),
     TimeFigure("figures_4_8_to_4_11_wheels", "Heading, speed and radius by wheel speeds", "DO25",
                ("wheel_speed_ekf_a", "wheel_speed_ekf_b1", "wheel_speed_ekf_b2", "wheel_speed_ekf_c"),
                ("yaw", "forward_velocity", "rolling_radius")),
@@ -205,7 +205,9 @@ def by_speed(folder: Path, store: Path) -> list[Path]:
             speeds = (15, 25, 35, 45, 55)
             scores = {
                 (name, v): estimate(
-                    name, drive_plant(ROWS[f"{kind}{v}"], "jaguar_saloon", store), Case(ROWS[f"{kind}{v}"], 0)
+                    name,
+                    drive_plant(ROWS[f"{kind}{v}"], "jaguar_saloon", store),
+                    Case(ROWS[f"{kind}{v}"], 0, ON_THE_BUS),
                 )
                 for name in filters
                 for v in speeds

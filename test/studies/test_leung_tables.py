@@ -111,7 +111,7 @@ def test_on_the_hardest_rows_the_error_ekf_has_at_most_half_the_error_of_the_the
     tmp_path: Path,
 ) -> None:
     printed = leung.TABLES["5.5"].printed
-    cases = [Case(leung.ROWS[row], 0) for row in ("DO55", "LC55")]
+    cases = [Case(leung.ROWS[row], 0, leung.ON_THE_BUS) for row in ("DO55", "LC55")]
     names = ("error_ekf", BOUND, "integrated")
     results = study([(case, names) for case in cases], tmp_path)
     found = leung.side_slips(results)

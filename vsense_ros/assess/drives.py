@@ -36,6 +36,7 @@ from vsense_ros.model.coordinates import (
     YAW_RATE,
 )
 from vsense_ros.model.sensors import GnssAttitude, GnssVelocity, Imu, SensorBase, Steering, WheelSpeeds
+from vsense_ros.model.sensors.simulated import quantized
 from vsense_ros.model.simulation.closed_loop import Trajectory, rolling_straight, simulate
 from vsense_ros.model.vehicle import Vehicle
 
@@ -72,6 +73,38 @@ _STEERING = Error(1.0 * _DEGREE / STEERING_RATIO, 5.0 * _DEGREE / STEERING_RATIO
 
 
 @dataclass(frozen=True)
+class Bus:
+    """CAN bus between the sensors of the car and a filter: values in steps, and late. Fixes do not come by it.
+
+    All runs of Leung 2010, chapters 4 and 5, have one (section 4.2.2, appendix B), without numbers. The step of the yaw
+    rate is read from figure 4.6, where 100 Hz look like 5 Hz; the others are common ones of stability controllers, and
+    small beside the noise of table B.1.
+    """
+
+    delay: float = 0.01  # [s]
+    rate_step: float = 0.25 * _DEGREE  # [rad/s]
+    force_step: float = 0.05  # [m/s²]
+    spin_step: float = 0.01  # [rad/s]
+    steering_step: float = 0.1 * _DEGREE / STEERING_RATIO  # of the road wheels [rad]
+
+    def carry(self, readings: Readings) -> Readings:
+        """Readings as they arrive: those of the first instant stand until the first message is there."""
+        late = max(0, round(self.delay / STEP))
+        imu_steps = np.repeat([self.rate_step, self.force_step], 3)
+
+        def carried(values: Array, step: Array | float) -> Array:
+            held = np.concatenate([np.repeat(values[:1], late, axis=0), values[: len(values) - late]])
+            return quantized(held, step)
+
+        return replace(
+            readings,
+            imu=carried(readings.imu, imu_steps),
+            wheels=carried(readings.wheels, self.spin_step),
+            steering=carried(readings.steering, self.steering_step),
+        )
+
+
+@dataclass(frozen=True)
 class Errors:
     """Errors of the sensors (Leung 2010, tables B.1 and B.2), at cog: standard deviations of the noise, and biases."""
 
@@ -83,6 +116,7 @@ class Errors:
     fix_period: float = 1.0  # [s]
     heading: float | None = None  # [rad] of a magnetometer, or of two antennas; None: there is none
     feels_gravity: bool = True  # whether roll and pitch of the body enter the accelerometers
+    bus: Bus | None = None  # that the readings of the car come by; None: directly
 
 
 @dataclass(frozen=True)
@@ -213,7 +247,8 @@ def readings(truth: Truth, case: Case) -> Readings:
         silent |= (truth.t >= case.outage[0]) & (truth.t < case.outage[1])
     fixes[silent] = np.nan
     heading = truth.yaw + (errors.heading or 0.0) * noise[:, 10]
-    return Readings(imu, wheels, steering, fixes, np.column_stack([np.cos(heading), np.sin(heading)]))
+    direct = Readings(imu, wheels, steering, fixes, np.column_stack([np.cos(heading), np.sin(heading)]))
+    return errors.bus.carry(direct) if errors.bus is not None else direct
 
 
 def digest(*parts: str) -> str:

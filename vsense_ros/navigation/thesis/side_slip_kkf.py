@@ -1,9 +1,11 @@
-"""The dual filter with a side slip that is extrapolated from the last fixes (Leung 2010, section 4.4.4, eqs. 4.24 ff.).
+"""The dual filter with a side slip that is extrapolated from the last fixes (Leung 2010, section 4.4.6, eqs. 4.20-4.24).
 
     x = (ψ, b_r, β),  ψ̇ = r_m - b_r,  β̇ = 0
     bend, fix:      (ν, β_ext) = (ψ + β, β)      rule 1
     bend, no fix:   β_ext = β                    rule 2
     straight:       (ν, 0) = (ψ + β, β)          rule 3
+
+    z = (V cos β̂, V sin β̂)                      velocity in the axes of the car, at a fix and between (figure 4.30)
 
 with β_ext(t) the line (or parabola) through ν - ψ̂ of the last two (three) fixes. It is made of the same ν and ψ̂ that it
 corrects: rule 1 counts a fix twice, and the covariance is too small (C24).
@@ -16,10 +18,10 @@ from typing import Any
 
 import casadi as ca
 
-from vsense_ros.estimation.cascade import PassedInput
+from vsense_ros.estimation.cascade import PassedInput, PassedMeasurement
 from vsense_ros.estimation.state_space import Measurement, Named, wrapped
 from vsense_ros.navigation.space import Definition, NavigationSpace, Remembered, drifting
-from vsense_ros.navigation.thesis.dual_kkf import TURNED
+from vsense_ros.navigation.thesis.dual_kkf import GNSS
 from vsense_ros.navigation.thesis.velocity_kkf import HELD, LONGEST_HOLD, VELOCITY, VelocityKkf
 from vsense_ros.navigation.yaw_kkf import straight
 
@@ -75,6 +77,15 @@ def _in_bend(x: Named, u: Named, p: Named) -> ca.SX:
     return (1 - straight(x, u, p)) * (u.since_fix < LONGEST_HOLD)
 
 
+def _by_side_slip(x: Named, velocity: ca.SX) -> list[ca.SX]:
+    """Velocity over ground (2,) [m/s] in the axes of the car, by the estimated side slip (Leung 2010, figure 4.30)."""
+    speed = ca.sqrt(ca.sumsqr(velocity) + 1e-12)  # its derivative exists at standstill, too
+    return [speed * ca.cos(x.side_slip), speed * ca.sin(x.side_slip)]
+
+
+BY_SIDE_SLIP = PassedMeasurement(GNSS, "heading", "velocity", "velocity", _by_side_slip)
+
+
 def side_slip_kkf(order: int) -> Definition:
     """With extrapolation of this order."""
     system = YawKkfB(order)
@@ -94,7 +105,7 @@ def side_slip_kkf(order: int) -> Definition:
         "heading": (system, (COURSE, extrapolated, NO_SIDE_SLIP)),
         "velocity": (VelocityKkf(), (VELOCITY, HELD)),
     }
-    return Definition(parts, (link,), (TURNED,), remembered=(Remembered("heading", "course", fix),))
+    return Definition(parts, (link,), (BY_SIDE_SLIP,), remembered=(Remembered("heading", "course", fix),))
 
 
 SIDE_SLIP_KKF_1 = side_slip_kkf(1)
