@@ -17,7 +17,18 @@ from numpy.typing import NDArray
 from studies.leung import GENESIS_LAP, ON_THE_BUS, ROWS, SECTION_4_4, SHORT, angle_errors
 from studies.leung_models_picture import COLOURS, labelled, page
 from studies.leung_study import estimate
-from vsense_ros.assess.drives import STEERING_RATIO, Case, Errors, Readings, Truth, drive_plant, readings
+from vsense_ros.assess.drives import (
+    STEERING_RATIO,
+    STEP,
+    Bus,
+    Case,
+    Error,
+    Errors,
+    Readings,
+    Truth,
+    drive_plant,
+    readings,
+)
 from vsense_ros.assess.filter_run import follow
 from vsense_ros.bag.importers import genesis
 from vsense_ros.evaluate.picture import BAND, TRUTH
@@ -255,18 +266,28 @@ def _rmse(name: str, manoeuvre: str, every: Sequence[Errors], store: Path) -> li
 
 
 def on_bus(folder: Path, store: Path) -> list[Path]:
-    """Figure 4.6: a yaw rate as it is, with its noise, and as a CAN bus of 5 Hz and 0.25 °/s a step has it."""
-    truth = drive_plant(ROWS["LC35"], "jaguar_saloon", store)
-    read = readings(truth, Case(ROWS["LC35"], 0))
-    turned = np.degrees(read.imu[:, 2])
-    held = np.round(turned[np.arange(len(turned)) // 20 * 20] / 0.25) * 0.25
-    with page("Yaw rate by a gyro, and as a bus passes it on, LC35", (8.5, 3.4)) as (figure, save):
-        panel = figure.subplots()
-        panel.plot(truth.t, turned, color=BAND, lw=0.6, label="gyro, 100 Hz")
-        panel.step(truth.t, held, where="post", color=COLOURS[1], lw=0.9, label="bus, 5 Hz, steps of 0.25 °/s")
-        panel.plot(truth.t, np.degrees(truth.yaw_rate), color=TRUTH, lw=0.9, label="truth")
-        panel.legend()
-        labelled(panel, "", "[s]", "[°/s]")
+    """Figure 4.6: a yaw rate without noise, directly and by the bus, and the error of the dual KKF with either."""
+    row, name = "DO35", "dual_kkf"
+    truth = drive_plant(ROWS[row], "jaguar_saloon", store)
+    with page(f"A gyro without noise, directly and by the CAN bus, {row}", (8.5, 6.5)) as (figure, save):
+        rates, headings, slips = figure.subplots(3, 1)
+        begin, length = np.argmax(np.abs(truth.yaw_rate) > np.radians(1.0)), round(1.0 / STEP)
+        shown = slice(begin, begin + length)
+        for label, bus, colour in (("direct", None, COLOURS[0]), ("bus", Bus(), COLOURS[1])):
+            errors = replace(ON_THE_BUS, gyro=Error(1e-6, 0.0), bus=bus)
+            case = Case(ROWS[row], 0, errors)
+            read = readings(truth, case)
+            rates.step(truth.t[shown], np.degrees(read.imu[shown, 2]), where="post", color=colour, lw=1.0, label=label)
+            motions, at = follow(name, truth, case, read)
+            for panel, quantity in ((headings, "yaw"), (slips, "side_slip_error")):
+                error = _value(quantity, motions, truth, at)
+                assert error is not None
+                panel.plot(truth.t[at], np.degrees(error), color=colour, lw=0.9, label=label)
+        labelled(rates, "yaw rate", "", "[°/s]")
+        labelled(headings, "heading error of the dual KKF", "", "[°]")
+        labelled(slips, "side slip error of the dual KKF", "[s]", "[°]")
+        slips.set_ylim(-1.5, 1.5)
+        rates.legend()
         return [save(folder / "figure_4_6_bus.png")]
 
 
