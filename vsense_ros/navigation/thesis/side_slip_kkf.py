@@ -1,4 +1,4 @@
-"""The dual filter with a side slip that is extrapolated from the last fixes (Leung 2010, section 4.4.6, eqs. 4.20-4.24).
+"""The dual filter with a side slip that is extrapolated from the last fixes (Leung 2010, section 4.4.6).
 
     x = (ψ, b_r, β),  ψ̇ = r_m - b_r,  β̇ = 0
     bend, fix:      (ν, β_ext) = (ψ + β, β)      rule 1
