@@ -1,4 +1,4 @@
-"""Recordings that were spoilt on purpose: nothing is named, and the reason is the right one."""
+"""Recordings that were spoilt on purpose: the reason is the right one, and what is sound is compared all the same."""
 
 from __future__ import annotations
 
@@ -17,9 +17,11 @@ from vsense_ros.identification.least_squares import Fit
 from vsense_ros.identification.parameter_set import ParameterSet
 from vsense_ros.messages.recording import Channel, Recording
 from vsense_ros.mismatch.candidates import BASE
-from vsense_ros.mismatch.data_quality import hindrance, misfit
+from vsense_ros.mismatch.comparable import Comparable, comparable
+from vsense_ros.mismatch.data_quality import hindrance, misfit, steps_in_words
 from vsense_ros.mismatch.explain import explain_recordings
 from vsense_ros.mismatch.residuals import Residuals
+from vsense_ros.mismatch.simulation import Predictor
 from vsense_ros.mismatch.spoilt import without_spoilt
 from vsense_ros.mismatch.windows import build_dataset
 from vsense_ros.model.simulation.closed_loop import rolling_radii
@@ -31,7 +33,8 @@ RATES, FORCES = "angular_velocity", "linear_acceleration"
 def reason(*recordings: Recording, held_out: tuple[Recording, ...] = (), vehicle: Vehicle | None = None) -> str:
     vehicle = vehicle or prototype()
     every = [*recordings, *held_out]
-    return hindrance(every, build_dataset(recordings, vehicle), build_dataset(held_out, vehicle), vehicle)
+    found = hindrance(every, build_dataset(recordings, vehicle), build_dataset(held_out, vehicle), vehicle)
+    return "" if found is None else found.reason
 
 
 def without(*topics: str) -> Callable[[Recording], Recording]:
@@ -169,7 +172,7 @@ def test_a_car_that_goes_straight_on_at_one_speed_tells_nothing():
         (changed("imu/data", RATES, scaled(2, 10)), "the car spins"),
         (changed("imu/data", RATES, scaled(slice(None), 180 / np.pi)), "the car spins in slalom, or the unit"),
         (changed("imu/data", FORCES, scaled(slice(None), 1 / 9.81)), "specific force looks like g"),
-        (changed("imu/data", FORCES, scaled(1, -1)), "the lateral acceleration has the sign opposite"),
+        (changed("imu/data", FORCES, scaled(1, -1)), "the lateral acceleration is against speed times yaw rate"),
         (changed("imu/data", FORCES, scaled(1, 1 / 9.81)), "is its unit wrong?"),
         (changed("vehicle/wheel_speeds", "velocity", scaled(slice(None), 0.27)), "look like m/s, expected rad/s"),
         (changed("vehicle/steering", "position", scaled(0, 0.07)), "the road-wheel angle is"),
@@ -183,6 +186,59 @@ def test_a_car_that_goes_straight_on_at_one_speed_tells_nothing():
 def test_a_spoilt_recording_is_refused_for_what_was_done_to_it(change, found):
     manoeuvre = "brake" if found.startswith("the wheel torque") else "slalom"
     assert found in reason(change(driven(prototype(), manoeuvre)))
+
+
+def compared(*recordings: Recording, held_out: tuple[Recording, ...] = ()) -> Comparable:
+    return comparable(recordings, held_out, prototype())
+
+
+def signals_of(found: Comparable) -> list[set[str]]:
+    """The names of the signals that are compared in each recording."""
+    predictor = Predictor(found.vehicle, found.fitted)
+    return [set(predictor.measured[rows[0]]) for rows in found.fitted.places_by_recording()]
+
+
+REVERSED = changed("imu/data", FORCES, scaled(1, -1))
+FROZEN_GYRO = changed("imu/data", RATES, held(2, 0, 100_000))
+
+
+@pytest.mark.parametrize(
+    ("change", "lost"),
+    [
+        (lambda r: r, set()),
+        (REVERSED, {"lateral_acceleration"}),
+        (changed("imu/data", FORCES, scaled(1, 1 / 9.81)), {"lateral_acceleration"}),
+        (FROZEN_GYRO, {"yaw_rate"}),
+        (changed("gps/velocity", "linear", held(slice(None), 0, 10_000)), {"course", "ground_speed"}),
+    ],
+)
+def test_a_signal_that_contradicts_the_others_is_left_out_and_the_rest_is_compared(change, lost):
+    sound, found = compared(driven(prototype(), "sweep")), compared(change(driven(prototype(), "sweep")))
+    assert found.refused == ""
+    assert len(found.left_out) == bool(lost)
+    assert signals_of(sound)[0] - signals_of(found)[0] >= lost
+    assert len(signals_of(sound)[0] - signals_of(found)[0]) <= 2 * len(lost)
+
+
+def test_a_sign_is_wrong_in_all_recordings_and_what_is_frozen_in_one_of_them():
+    one, other = driven(prototype(), "sweep"), driven(prototype(), "slalom")
+    by_sign = signals_of(compared(REVERSED(one), other))
+    assert all("lateral_acceleration" not in of for of in by_sign)
+    by_frozen = signals_of(compared(FROZEN_GYRO(one), other))
+    assert ["yaw_rate" in of for of in by_frozen] == [False, True]
+
+
+def test_nothing_is_compared_without_a_steering_angle_that_is_right():
+    found = compared(changed("vehicle/steering", "position", scaled(0, -1))(driven(prototype(), "slalom")))
+    assert "expected positive to the left" in found.refused
+    assert not found.left_out
+
+
+def test_coarse_steps_are_said():
+    coarse = changed("imu/data", RATES, lambda w: np.round(w / 0.0223) * 0.0223)
+    said = " ".join(steps_in_words([coarse(driven(prototype(), "slalom"))], prototype()))
+    assert "angular_velocity.z has steps of 0.0223" in said or "likewise" in said
+    assert not steps_in_words([driven(prototype(), "slalom")], prototype())
 
 
 def test_one_spoilt_recording_among_good_ones_is_refused_by_name_held_out_or_not():
@@ -340,13 +396,15 @@ def test_a_stretch_that_is_spoilt_is_cut_out_and_told_and_the_rest_is_looked_at(
     assert 0.5 * whole.driven < kept.driven < whole.driven - 1.4
     (told,) = (remark for remark in kept.remarks if remark.startswith("cut out: the yaw rate is at the end"))
     assert "13.5 to 16.0 s" in told
-    assert hindrance([recording], kept, build_dataset([], prototype()), prototype()) == ""
+    assert hindrance([recording], kept, build_dataset([], prototype()), prototype()) is None
 
 
 def test_a_recording_of_which_little_would_be_left_is_kept_whole_and_refused():
     frozen = changed("imu/data", RATES, held(2, 0, 100_000))(driven(prototype(), "slalom"))
     kept = without_spoilt([frozen], prototype())
-    assert "the yaw rate is frozen" in hindrance([frozen], kept, build_dataset([], prototype()), prototype())
+    found = hindrance([frozen], kept, build_dataset([], prototype()), prototype())
+    assert found is not None
+    assert "the yaw rate is frozen" in found.reason
 
 
 def beside(metres: float, recording: Recording) -> Recording:

@@ -132,7 +132,10 @@ def test_what_would_mend_a_recording_is_told_and_done_when_the_user_agrees(tmp_p
     imu = recording["imu/data"]
     columns = {**imu.columns, "linear_acceleration": imu.columns["linear_acceleration"] * [1.0, -1.0, 1.0]}
     wrong = replace(recording, channels={**recording.channels, "imu/data": replace(imu, columns=columns)})
-    refused = explain_recordings([wrong], prototype()).answer
-    assert refused.verdict == "not_assessable"
-    assert "left is −y" in refused.sentence
-    assert "--mend" in refused.sentence
+    found = explain_recordings([wrong], prototype(), assume=["imu_roll_misalignment"]).answer
+    assert "Left out of the comparison: in sweep, imu/data: the lateral acceleration is against" in found.sentence
+    assert "lateral_acceleration" not in found.fit
+    assert any("left is −y" in remark and "--mend" in remark for remark in found.remarks)
+    mended = explain_recordings([wrong], prototype(), assume=["imu_roll_misalignment"], mend=True).answer
+    assert "lateral_acceleration" in mended.fit
+    assert "Left out" not in mended.sentence

@@ -116,3 +116,13 @@ def test_a_recording_says_in_its_notes_what_was_mended():
     assert np.array_equal(
         right["vehicle/steering"].columns["position"], -drive()["vehicle/steering"].columns["position"]
     )
+
+
+def test_a_lateral_accelerometer_alone_that_is_reversed_is_named_with_what_mends_it():
+    forces = drive()["imu/data"].columns[FORCES] * [np.nan, -1.0, np.nan]
+    wrong = changed("imu/data", FORCES, forces)
+    found = [finding for finding in mends(wrong, radius=RADIUS) if finding.mend is not None]
+    assert [(finding.kind, finding.signal) for finding in found] == [(Kind.SIGN, "linear_acceleration.y")]
+    lateral = mended(wrong, found)["imu/data"].columns[FORCES][:, 1]
+    assert np.array_equal(lateral, drive()["imu/data"].columns[FORCES][:, 1])
+    assert not mends(changed("imu/data", FORCES, forces * [1.0, -1.0, 1.0]), radius=RADIUS)

@@ -164,16 +164,19 @@ def test_one_that_is_frozen_is_noticed_in_its_own_words(vehicle: Vehicle, record
     frozen = replace(channel, columns={**channel.columns, "position": stuck})
     drive = replace(recording, channels={**recording.channels, TOPIC: frozen})
     dataset = build_dataset([drive], vehicle)
-    said = hindrance([drive], dataset, replace(dataset, windows=()), vehicle)
-    assert "the ride height at the rear is frozen" in said
+    found = hindrance([drive], dataset, replace(dataset, windows=()), vehicle)
+    assert found is not None
+    assert "the ride height at the rear is frozen" in found.reason
+    assert found.topic == TOPIC
 
 
 def test_two_of_a_kind_are_one_too_many_to_compare(vehicle: Vehicle, recording: Recording):
     twin = vehicle.sensors["heights"].model_copy(update={"ahead": 0.5})
     car = vehicle.model_copy(update={"sensors": {**vehicle.sensors, "more": twin}})
     dataset = build_dataset([recording], car)
-    said = hindrance([recording], dataset, replace(dataset, windows=()), car)
-    assert "2 sensors of the kind ride_height" in said
+    found = hindrance([recording], dataset, replace(dataset, windows=()), car)
+    assert found is not None
+    assert "2 sensors of the kind ride_height" in found.reason
 
 
 @pytest.mark.slow

@@ -17,7 +17,7 @@ from vsense_ros.checks.aligned import FORCES, INERTIAL_FIELDS, RATES
 from vsense_ros.checks.consistency import SIDES
 from vsense_ros.checks.finding import Finding, Kind, Matrix, Scale, Turn
 from vsense_ros.checks.lags import LagSettings, lag_curve
-from vsense_ros.checks.motion import GNSS, GYRO, ROAD_WHEEL, STEERING_WHEEL, WHEELS, Motion
+from vsense_ros.checks.motion import ACCELEROMETER, GNSS, GYRO, ROAD_WHEEL, STEERING_WHEEL, WHEELS, Motion
 from vsense_ros.checks.motion import SETTINGS as MOTION
 from vsense_ros.checks.reason import Reason
 from vsense_ros.checks.roles import Role
@@ -51,6 +51,7 @@ def orientation(subject: Subject, _: Sequence[Finding]) -> Iterator[Finding]:
     motion = subject.motion
     if motion is not None and not subject.frame_findings and not subject.course_findings:
         yield from _inertial(motion, subject.topics[Role.IMU])
+        yield from _lateral_alone(motion, subject.topics[Role.IMU])
         yield from _steering(motion, subject.topics[Role.STEERING])
         yield from _sides(motion, subject.topics[Role.WHEELS])
 
@@ -179,6 +180,18 @@ def _turning_axis(motion: Motion) -> Array | None:
     if abs(correlation) <= SETTINGS.correlation:
         return None
     return np.asarray(np.sign(correlation) * np.eye(3)[RATES.index(names[best])])
+
+
+def _lateral_alone(motion: Motion, topic: str) -> Iterator[Finding]:
+    """The sign of a lateral accelerometer without a longitudinal one, against how the car turns by other sensors than
+    the inertial one, else by its gyro."""
+    if "ax" in motion.signals or ACCELEROMETER not in motion.turns:
+        return
+    source = motion.first_turning(GNSS, WHEELS, ROAD_WHEEL, STEERING_WHEEL, GYRO)
+    if source is not None and _is_reversed(motion, ACCELEROMETER, source):
+        rows: Matrix = ((1.0, 0.0, 0.0), (0.0, -1.0, 0.0), (0.0, 0.0, 1.0))
+        mend = Turn(("linear_acceleration",), rows)
+        yield Finding(topic, Kind.SIGN, Reason.LATERAL_REVERSED, "linear_acceleration.y", mend=mend)
 
 
 def _steering(motion: Motion, topic: str) -> Iterator[Finding]:

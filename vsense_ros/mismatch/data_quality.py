@@ -1,8 +1,9 @@
-"""Recordings of which nothing can be said, with the reason, before anything is fitted to them.
+"""Why recordings, or signals in them, cannot be compared with a model, before anything is fitted to them.
 
-A spin, a sensor that is frozen or at the end of its range, a wrong unit or another car spoil every figure that follows,
-and some effect would still seem to explain them. What lasts for a while is cut out (`spoilt`). What is wrong with a
-whole recording is enough for no answer; without it the user gets one about the others.
+A spin, a sensor that is frozen or at the end of its range, a wrong unit or another car spoil every figure that
+follows, and some effect would still seem to explain them. What lasts for a while is cut out (`spoilt`). Where a signal
+contradicts others throughout, the hindrance names it, so that the rest can be compared without it. What is wrong with a
+whole recording prevents an answer; without that recording the user gets one about the others.
 """
 
 from __future__ import annotations
@@ -13,10 +14,11 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from vsense_ros.checks import values
 from vsense_ros.checks.aligned import means_around
-from vsense_ros.checks.consistency import turning
+from vsense_ros.checks.consistency import axes_in_plane, turning
 from vsense_ros.checks.examination import OF_UNITS, run
-from vsense_ros.checks.finding import Finding
+from vsense_ros.checks.finding import Finding, Kind
 from vsense_ros.checks.lags import LONG_LAGS, match
 from vsense_ros.checks.mending import mends
 from vsense_ros.checks.motion import GNSS
@@ -59,29 +61,54 @@ class DataQualitySettings:
 
 
 SETTINGS = DataQualitySettings()
+# Which components of an inertial sensor a finding of the checks is about, by its signal.
+COMPONENTS_OF: Mapping[str, tuple[int, ...]] = {
+    "angular_velocity": (0, 1, 2),
+    "angular_velocity.z": (2,),
+    "linear_acceleration": (3, 4, 5),
+    "linear_acceleration.x": (3,),
+    "linear_acceleration.y": (4,),
+}
 CONSTANT = ("mass", "tyre radius")  # parameters that neither road nor driver changes
 
 
-def hindrance(recordings: Sequence[Recording], fitted: Dataset, unseen: Dataset, vehicle: Vehicle) -> str:
-    """Why nothing can be said of the recordings; empty where something can. `recordings` are all of them, `fitted` the
-    windows to fit to, `unseen` those of the recordings that are held out."""
-    return next(_hindrances(recordings, fitted, unseen, vehicle), "")
+@dataclass(frozen=True)
+class Hindrance:
+    """A reason why recordings cannot be compared with a model.
+
+    Where the reason is one signal, `topic` has it, and `components` are those of its sensor that are wrong, all of them
+    where there are none; without it the rest may be compared. It is wrong in one `recording`, or in all of them where
+    that is empty: a clock, a sign or a unit is the same in all, and only some show it.
+    """
+
+    reason: str
+    topic: str = ""
+    components: tuple[int, ...] = ()
+    recording: str = ""
 
 
-def _hindrances(recordings: Sequence[Recording], fitted: Dataset, unseen: Dataset, vehicle: Vehicle) -> Iterator[str]:
+def hindrance(recordings: Sequence[Recording], fitted: Dataset, unseen: Dataset, vehicle: Vehicle) -> Hindrance | None:
+    """The first reason why the recordings cannot be compared with a model; None where they can. `recordings` are all of
+    them, `fitted` the windows to fit to, `unseen` those of the recordings that are held out."""
+    return next(_hindrances(recordings, fitted, unseen, vehicle), None)
+
+
+def _hindrances(
+    recordings: Sequence[Recording], fitted: Dataset, unseen: Dataset, vehicle: Vehicle
+) -> Iterator[Hindrance]:
     sensors = {**fitted.sensors, **unseen.sensors}
-    yield from _given_twice(recordings)
-    yield from _of_several_cars(recordings, sensors)
-    yield from _twins(sensors)
+    yield from map(Hindrance, (*_given_twice(recordings), *_of_several_cars(recordings, sensors), *_twins(sensors)))
     drives = [*fitted.by_recording(), *unseen.by_recording()]
     for windows in drives:
-        yield from (stretch.reason for stretch in spoilt_stretches(windows, sensors))
+        for stretch in spoilt_stretches(windows, sensors):
+            topic = sensors[stretch.sensor].topic if stretch.sensor else ""
+            yield Hindrance(stretch.reason, topic, stretch.components, windows[0].name)
     yield from _units(recordings, sensors, float(np.mean(rolling_radii(vehicle))))
     means = [(windows[0].name, _Drive.of(windows, sensors, vehicle)) for windows in drives]
-    yield from _too_little(fitted, [drive for _, drive in means[: len(fitted.by_recording())]])
+    yield from map(Hindrance, _too_little(fitted, [drive for _, drive in means[: len(fitted.by_recording())]]))
     for name, drive in means:
-        yield from _unrelated(drive, name)
-    yield from _unlike(means)
+        yield from _unrelated(drive, name, sensors)
+    yield from map(Hindrance, _unlike(means))
 
 
 def faults_of(recording: Recording, vehicle: Vehicle) -> list[Finding]:
@@ -106,6 +133,18 @@ def faults_in_words(recordings: Sequence[Recording], faults: Sequence[Sequence[F
         f"what mends {recording.name}: {', '.join(map(mend_in_words, todo))}"
         for recording, todo in zip(recordings, faults, strict=True)
         if todo
+    ]
+
+
+def steps_in_words(recordings: Sequence[Recording], vehicle: Vehicle) -> list[str]:
+    """By recording, which compared signals come in coarse steps or are sent more often than they are measured."""
+    sensors = [sensor for sensor in vehicle.sensing().values() if sensor.is_compared]
+    topics = {sensor.topic for sensor in sensors}
+    return [
+        f"{recording.name}, {finding.topic}: {sentence(finding)}"
+        for recording in recordings
+        for finding in run((values.quantised, values.held), Subject(recording, topics_of(sensors)))
+        if finding.topic in topics
     ]
 
 
@@ -201,14 +240,20 @@ def _twins(sensors: Mapping[str, SensorBase]) -> Iterator[str]:
             )
 
 
-def _units(recordings: Sequence[Recording], sensors: Mapping[str, SensorBase], radius: float) -> Iterator[str]:
+def _units(recordings: Sequence[Recording], sensors: Mapping[str, SensorBase], radius: float) -> Iterator[Hindrance]:
     """Units, signs and axes that cannot be right, as `vsense info` finds them, in what the model is compared with."""
     for recording in recordings:
         subject = Subject(_as_mounted(recording, sensors), topics_of(sensors.values()), radius)
-        found = [*run(OF_UNITS, subject), *(one for one in run((turning,), subject) if one.against == GNSS)]
-        for finding in found:
+        signs = run((turning, axes_in_plane), subject)
+        for finding in (*run(OF_UNITS, subject), *(one for one in signs if _is_sure(one))):
             if finding.topic in {sensor.topic for sensor in sensors.values() if sensor.is_compared}:
-                yield f"in {recording.name}, {finding.topic}: {sentence(finding)}"
+                reason = f"in {recording.name}, {finding.topic}: {sentence(finding)}"
+                yield Hindrance(reason, finding.topic, COMPONENTS_OF.get(finding.signal, ()))
+
+
+def _is_sure(sign: Finding) -> bool:
+    """True for a turning against that of GNSS, and for a single acceleration against how the car moves."""
+    return sign.against == GNSS or (sign.kind is Kind.SIGN and sign.signal in COMPONENTS_OF)
 
 
 def _as_mounted(recording: Recording, sensors: Mapping[str, SensorBase]) -> Recording:
@@ -276,40 +321,53 @@ class _Drive:
         return found[0], found[1]
 
 
-def _unrelated(drive: _Drive, name: str) -> Iterator[str]:
+def _unrelated(drive: _Drive, name: str, sensors: Mapping[str, SensorBase]) -> Iterator[Hindrance]:
     """Signals that follow from one another by physics, and differ by more than any effect could make: a unit, a sign,
     an axis or a clock is wrong."""
     gentle = np.where(np.abs(drive.turning) < SETTINGS.gripping, 1.0, np.nan)
     bend = drive.wheelbase * drive.yaw_rate / drive.speed * gentle
-    for what, found, other, expected, least, low, high in (
-        ("lateral acceleration", drive.lateral, "speed times yaw rate", drive.turning, 0.5, 0.5, 2.0),
-        ("road-wheel angle", drive.steering, "wheelbase times yaw rate over speed", bend, 0.005, 0.3, 6.0),
-        ("longitudinal acceleration", drive.longitudinal, "change of the speed", drive.speed_rate, 0.5, 0.5, 2.0),
-        ("wheel torque over radius and mass", drive.drive, "change of the speed", drive.speed_rate, 0.5, 0.3, 3.0),
+    relations: tuple[tuple[str, Tells, tuple[int, ...], Array, str, Array, float, float, float], ...] = (
+        ("lateral acceleration", "rates and forces", (4,), drive.lateral,
+         "speed times yaw rate", drive.turning, 0.5, 0.5, 2.0),
+        ("road-wheel angle", "steering", (), drive.steering,
+         "wheelbase times yaw rate over speed", bend, 0.005, 0.3, 6.0),
+        ("longitudinal acceleration", "rates and forces", (3,), drive.longitudinal,
+         "change of the speed", drive.speed_rate, 0.5, 0.5, 2.0),
+        ("wheel torque over radius and mass", "torques", (), drive.drive,
+         "change of the speed", drive.speed_rate, 0.5, 0.3, 3.0),
+    )  # fmt: skip
+    for what, tells, components, measured, other, expected, least, low, high in relations:
+        if contradiction := _contradiction(measured, expected, least, (low, high)):
+            sensor = telling(sensors.items(), tells)
+            topic = "" if sensor is None else sensors[sensor].topic
+            yield Hindrance(f"in {name} the {what} {contradiction.format(other=other)}", topic, components)
+
+
+def _contradiction(measured: Array, expected: Array, least: float, sizes: tuple[float, float]) -> str:
+    """What is wrong between a signal (n,) and what it follows from (n,), in words with a place for the `other`; empty
+    where nothing is, or less than a standard deviation `least` is expected. `sizes` limit the ratio of the two."""
+    both = np.isfinite(measured) & np.isfinite(expected)
+    if both.sum() < SETTINGS.least / SETTINGS.smooth or np.std(expected[both]) < least:
+        return ""
+    size = float(np.std(measured[both]) / np.std(expected[both]))
+    alike = float(np.corrcoef(measured[both], expected[both])[0, 1]) if size > 0 else 0.0
+    if alike > SETTINGS.goes_along and sizes[0] < size < sizes[1]:
+        return ""
+    # The lag comes before sign and scale: what is a second late goes along with nothing.
+    late = match(measured, expected, SETTINGS.smooth / 2, LONG_LAGS)
+    if (
+        late is not None
+        and abs(late.lag) >= LAG_SEARCH.least_lag
+        and late.clear > LAG_SEARCH.clearance
+        and late.best > max(LAG_SEARCH.least_correlation, alike + LAG_SEARCH.correlation_gain)
     ):
-        both = np.isfinite(found) & np.isfinite(expected)
-        if both.sum() < SETTINGS.least / SETTINGS.smooth or np.std(expected[both]) < least:
-            continue
-        size = float(np.std(found[both]) / np.std(expected[both]))
-        alike = float(np.corrcoef(found[both], expected[both])[0, 1]) if size > 0 else 0.0
-        if alike > SETTINGS.goes_along and low < size < high:
-            continue
-        # The lag comes before sign and scale: what is a second late goes along with nothing.
-        late = match(found, expected, SETTINGS.smooth / 2, LONG_LAGS)
-        if (
-            late is not None
-            and abs(late.lag) >= LAG_SEARCH.least_lag
-            and late.clear > LAG_SEARCH.clearance
-            and late.best > max(LAG_SEARCH.least_correlation, alike + LAG_SEARCH.correlation_gain)
-        ):
-            side = "behind" if late.lag > 0 else "ahead of"
-            yield f"in {name} the {what} lies {abs(late.lag):.1f} s {side} {other}; which of the clocks is wrong?"
-        elif alike < SETTINGS.opposite:
-            yield f"in {name} the {what} has the sign opposite to {other}"
-        elif not low < size < high:
-            yield f"in {name} the {what} is {size:.3g} times the {other}; is its unit wrong?"
-        else:
-            yield f"in {name} the {what} does not go along with {other}; is a clock or an axis wrong?"
+        side = "behind" if late.lag > 0 else "ahead of"
+        return f"lies {abs(late.lag):.1f} s {side} {{other}}; which of the clocks is wrong?"
+    if alike < SETTINGS.opposite:
+        return "has the sign opposite to {other}"
+    if not sizes[0] < size < sizes[1]:
+        return f"is {size:.3g} times the {{other}}; is its unit wrong?"
+    return "does not go along with {other}; is a clock or an axis wrong?"
 
 
 def _unlike(drives: Sequence[tuple[str, _Drive]]) -> Iterator[str]:

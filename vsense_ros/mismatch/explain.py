@@ -27,11 +27,11 @@ from vsense_ros.identification.free_parameter import FreeParameter
 from vsense_ros.identification.least_squares import DivergedError, Fit, fit
 from vsense_ros.messages.recording import Recording
 from vsense_ros.mismatch import answer as entries
-from vsense_ros.mismatch.ages import ages, with_ages
 from vsense_ros.mismatch.answer_schema import VERSION, Answer, Located, OutOfReach
 from vsense_ros.mismatch.answer_sentence import sentence
 from vsense_ros.mismatch.candidates import BASE, Candidate, base_parameters, candidates, out_of_reach
-from vsense_ros.mismatch.data_quality import faults_in_words, faults_of, hindrance, misfit
+from vsense_ros.mismatch.comparable import comparable
+from vsense_ros.mismatch.data_quality import faults_in_words, faults_of, misfit, steps_in_words
 from vsense_ros.mismatch.design import NEXT
 from vsense_ros.mismatch.extension import extended
 from vsense_ros.mismatch.hypothesis import Hypothesis
@@ -45,7 +45,6 @@ from vsense_ros.mismatch.residuals import Residuals
 from vsense_ros.mismatch.search import Search
 from vsense_ros.mismatch.selection import most_telling
 from vsense_ros.mismatch.simulation import LOST, Predictor
-from vsense_ros.mismatch.spoilt import without_spoilt
 from vsense_ros.mismatch.thresholds import THRESHOLDS
 from vsense_ros.mismatch.validation import Validation
 from vsense_ros.mismatch.verdict import Judged, judge
@@ -124,9 +123,10 @@ def explain_recordings(
 
     With `assume` the effects of these ids are fitted, without a search; with one of `ABLATIONS` a part of the method is
     switched off, to see what it is worth. With `mend` signs, axes and units that cannot be right are mended; without it
-    what would mend them is told. With `observe` the observer is run with what was found, which tells whether
-    it is better with it, and gives the extended vehicle noise levels that fit it. Which test would tell an ambiguous
-    answer apart, `design` finds. Raises `InputError` for an unknown id or ablation.
+    the answer says what would mend them. A signal that contradicts the others is left out of the comparison. With
+    `observe` the observer is run with what was found, which determines whether it is better with it, and gives the
+    extended vehicle noise levels that fit it. Which test would tell an ambiguous answer apart, `design` finds. Raises
+    `InputError` for an unknown id or ablation.
     """
     if unknown := [name for name in assume if name not in BY_ID]:
         raise InputError(f"no effect {', '.join(unknown)}; the library has {', '.join(sorted(BY_ID))}")
@@ -137,33 +137,35 @@ def explain_recordings(
     if mend:
         every = [mended(one, todo) for one, todo in zip((*recordings, *held_out), faults, strict=True)]
         recordings, held_out = every[: len(recordings)], every[len(recordings) :]
-    told = faults_in_words([*recordings, *held_out], faults)
-    dataset = without_spoilt(recordings, vehicle)
-    late = ages(dataset, vehicle)
-    car = with_ages(vehicle, late)
-    if late:
-        dataset = without_spoilt(recordings, car)
-    unseen = without_spoilt(held_out, car, dataset)
+    mending = faults_in_words([*recordings, *held_out], faults)
+    if not mend:
+        mending = [f"{said} (--mend does it)" for said in mending]
+    compared = comparable(recordings, held_out, vehicle)
+    fitted, unseen = compared.fitted, compared.unseen
+    in_steps = steps_in_words([*recordings, *held_out], vehicle)
     explainer = _Explainer(
         Answer(
             version=VERSION, verdict="not_assessable", sentence="", vehicle=vehicle.name,
             recordings=_names(recordings), held_out=_names(held_out), held_out_unused=(), by_pieces=False,
-            remarks=(*told, *dataset.remarks), located=NOWHERE, effects=(), out_of_reach=(), answer_set=(), rivals=(),
-            would_separate=None, fit={}, base={}, threshold=THRESHOLDS.least_gain,
-            driven_s=dataset.driven + unseen.driven, assumed=tuple(assume), ablation=ablation, cpu_s=0.0,
+            remarks=(*mending, *in_steps, *fitted.remarks), located=NOWHERE, effects=(), out_of_reach=(),
+            answer_set=(), rivals=(), would_separate=None, fit={}, base={}, threshold=THRESHOLDS.least_gain,
+            driven_s=fitted.driven + unseen.driven, assumed=tuple(assume), ablation=ablation, cpu_s=0.0,
         ),
-        car,
+        compared.vehicle,
         progress,
-        late,
+        compared.late,
     )  # fmt: skip
     try:
-        if reason := hindrance([*recordings, *held_out], dataset, unseen, car):
-            raise NotAssessableError(reason if mend or not told else f"{reason}; {'; '.join(told)} (--mend does it)")
-        found = explainer.explanation(most_telling(dataset, LONGEST_FITTED), most_telling(unseen, LONGEST_FITTED))
+        if reason := compared.refused:
+            raise NotAssessableError("; ".join((reason, *mending)) if not mend else reason)
+        found = explainer.explanation(most_telling(fitted, LONGEST_FITTED), most_telling(unseen, LONGEST_FITTED))
     except NotAssessableError as error:
         found = Explanation(explainer.answer.with_(sentence=_nothing_said(str(error))))
+    if compared.left_out and not compared.refused:
+        said = f"{found.answer.sentence} Left out of the comparison: {'; '.join(compared.left_out)}."
+        found = replace(found, answer=found.answer.with_(sentence=said))
     if observe and found.extended is not None:
-        found = _observed(found, recordings, held_out, dataset, vehicle, progress)
+        found = _observed(found, compared.recordings, compared.held_out, fitted, vehicle, progress)
     return replace(found, answer=found.answer.with_(cpu_s=time.process_time() - begun))
 
 
@@ -255,7 +257,8 @@ class _Explainer:
 
     def _note_validation(self, residuals: Residuals, validation: Validation) -> None:
         """Write down on which recordings the answer is proven."""
-        said = [*residuals.predictor.dataset.remarks, *validation.remarks]
+        every = (*self.answer.remarks, *residuals.predictor.dataset.remarks, *validation.remarks)
+        said = list(dict.fromkeys(every))
         if validation.residuals is None and len(residuals.layout) == 1:
             said.append(ALONE)
         self.answer = self.answer.with_(

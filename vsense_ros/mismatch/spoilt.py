@@ -123,6 +123,7 @@ def _standing_still(windows: Sequence[Window], sensors: Mapping[str, SensorBase]
                     yield _stretch(
                         window, begin, begin + duration,
                         f"the {component.words} is frozen for {duration:.1f} s from {begin:.1f} s on in {window.name}",
+                        name, (column,),
                     )  # fmt: skip
             if sensor.response is not None:
                 yield from _input_still(window, readings, sensor.response, sensors)
@@ -157,8 +158,11 @@ def _input_still(
             yield _stretch(window, begin, end, reason)
 
 
-def _stretch(window: Window, begin: float, end: float, reason: str) -> Spoilt:
-    return Spoilt(window.recording, begin - SETTINGS.around, end + SETTINGS.around, reason)
+def _stretch(
+    window: Window, begin: float, end: float, reason: str, sensor: str = "", components: tuple[int, ...] = ()
+) -> Spoilt:
+    """The stretch with some time around it."""
+    return Spoilt(window.recording, begin - SETTINGS.around, end + SETTINGS.around, reason, sensor, components)
 
 
 def _saturated(windows: Sequence[Window], sensors: Mapping[str, SensorBase]) -> Iterator[Spoilt]:
@@ -175,7 +179,8 @@ def _saturated(windows: Sequence[Window], sensors: Mapping[str, SensorBase]) -> 
             usual = float(np.percentile(elsewhere, 99)) if len(elsewhere) else 1.0
             for end in ends:
                 reason = f"the {component.words} is at the end of its range, {end:.4g}, in {windows[0].name}"
-                yield from _held_at(runs, end, SETTINGS.saturated * usual, reason)
+                held = _held_at(runs, end, SETTINGS.saturated * usual, reason)
+                yield from (replace(stretch, sensor=name, components=(column,)) for stretch in held)
 
 
 _Run = tuple[Window, Array, Array, NDArray[np.int64], NDArray[np.int64]]  # values, times, first and length of each

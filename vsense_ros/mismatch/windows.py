@@ -153,6 +153,8 @@ class Spoilt:
     begin: float  # [s] since the recording's first stamp
     end: float
     reason: str  # with the name of the recording
+    sensor: str = ""  # whose signal it is, where it is one alone
+    components: tuple[int, ...] = ()  # of that sensor
 
 
 def build_dataset(

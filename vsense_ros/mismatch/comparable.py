@@ -1,0 +1,107 @@
+"""What of recordings can be compared with a model: windows to fit to, windows to prove it on, without wrong signals.
+
+A signal that contradicts the others is left out, with a remark that says why, and the rest is compared without it. So
+one bad signal does not prevent an answer that the others can give.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from vsense_ros.checks.aligned import INERTIAL_FIELDS
+from vsense_ros.messages.recording import Recording
+from vsense_ros.mismatch.ages import ages, with_ages
+from vsense_ros.mismatch.data_quality import Hindrance, hindrance
+from vsense_ros.mismatch.spoilt import without_spoilt
+from vsense_ros.mismatch.windows import Dataset
+from vsense_ros.model.sensors import SensorBase
+from vsense_ros.model.vehicle import Vehicle
+
+MOST_LEFT_OUT = 8  # signals; where more are wrong, it is not one of them
+
+
+@dataclass(frozen=True)
+class Comparable:
+    """Recordings without the signals that cannot be right: `fitted` windows of `recordings`, and `unseen` ones of
+    `held_out`, with the `vehicle` whose sensors are `late` as was estimated before any fit [s, by size of the effect].
+    `left_out` says which signals are missing and why; `refused` why nothing can be compared, empty where something can.
+    """
+
+    recordings: Sequence[Recording]
+    held_out: Sequence[Recording]
+    fitted: Dataset
+    unseen: Dataset
+    vehicle: Vehicle
+    late: Mapping[str, float]
+    left_out: tuple[str, ...] = ()
+    refused: str = ""
+
+
+def comparable(recordings: Sequence[Recording], held_out: Sequence[Recording], vehicle: Vehicle) -> Comparable:
+    """What can be compared of `recordings` and of those that are `held_out`."""
+    fitted = without_spoilt(recordings, vehicle)
+    result = _compared(recordings, held_out, vehicle, ages(fitted, vehicle))
+    while wrong := hindrance([*result.recordings, *result.held_out], result.fitted, result.unseen, result.vehicle):
+        rest = _without(result, wrong, vehicle) if len(result.left_out) < MOST_LEFT_OUT else None
+        if rest is None:
+            return replace(result, refused="; ".join((*result.left_out, wrong.reason)))
+        result = rest
+    return result
+
+
+def _compared(
+    recordings: Sequence[Recording], held_out: Sequence[Recording], vehicle: Vehicle, late: Mapping[str, float]
+) -> Comparable:
+    """The windows of recordings of a vehicle whose sensors are `late` [s, by size of the effect]."""
+    car = with_ages(vehicle, late)
+    fitted = without_spoilt(recordings, car)
+    return Comparable(recordings, held_out, fitted, without_spoilt(held_out, car, fitted), car, late)
+
+
+def _without(compared: Comparable, wrong: Hindrance, vehicle: Vehicle) -> Comparable | None:
+    """The rest without a signal that is wrong, of sensors that are as late as with it; None where it is no signal that
+    can be missing."""
+    sensor = next((sensor for sensor in vehicle.sensing().values() if sensor.topic == wrong.topic), None)
+    if sensor is None:
+        return None
+
+    def rest_of(every: Iterable[Recording]) -> list[Recording]:
+        return [
+            without_components(one, sensor, wrong.components) if wrong.recording in ("", one.name) else one
+            for one in every
+        ]
+
+    rest = _compared(rest_of(compared.recordings), rest_of(compared.held_out), vehicle, compared.late)
+    if len(rest.fitted.by_recording()) < len(compared.fitted.by_recording()):
+        return None
+    return replace(rest, left_out=(*compared.left_out, wrong.reason))
+
+
+def without_components(recording: Recording, sensor: SensorBase, components: Sequence[int]) -> Recording:
+    """The recording without these components of a sensor, in the axes of the car; without its topic where they are all,
+    or not components of an inertial sensor, which alone may lack some."""
+    if (channel := recording.channels.get(sensor.topic)) is None:
+        return recording
+    columns = dict(channel.columns)
+    inertial = all(field in columns for field in INERTIAL_FIELDS)
+    if not components or not inertial or len(components) == len(sensor.components):
+        return replace(recording, channels={k: c for k, c in recording.channels.items() if k != sensor.topic})
+    for number, field in enumerate(INERTIAL_FIELDS):
+        wrong = [component - 3 * number for component in components if component // 3 == number]
+        if wrong:
+            columns[field] = columns[field].copy()
+            columns[field][:, _axes_of_sensor(sensor, wrong)] = np.nan
+    return replace(recording, channels={**recording.channels, sensor.topic: replace(channel, columns=columns)})
+
+
+def _axes_of_sensor(sensor: SensorBase, axes: Sequence[int]) -> list[int]:
+    """The axes of a sensor that are nearest to these of the car."""
+    units = {field: np.eye(3) for field in INERTIAL_FIELDS}
+    turned = sensor.message_in_axes_of_car(units)
+    if not turned:
+        return list(axes)
+    of_car = turned[INERTIAL_FIELDS[0]]  # row: axis of the sensor, in the axes of the car
+    return [int(np.argmax(np.abs(of_car[:, axis]))) for axis in axes]
