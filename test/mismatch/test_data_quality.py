@@ -17,7 +17,7 @@ from vsense_ros.identification.least_squares import Fit
 from vsense_ros.identification.parameter_set import ParameterSet
 from vsense_ros.messages.recording import Channel, Recording
 from vsense_ros.mismatch.candidates import BASE
-from vsense_ros.mismatch.comparable import Comparable, comparable
+from vsense_ros.mismatch.comparable import Comparable, comparable, without_components
 from vsense_ros.mismatch.data_quality import hindrance, misfit, steps_in_words
 from vsense_ros.mismatch.explain import explain_recordings
 from vsense_ros.mismatch.residuals import Residuals
@@ -232,6 +232,13 @@ def test_nothing_is_compared_without_a_steering_angle_that_is_right():
     found = compared(changed("vehicle/steering", "position", scaled(0, -1))(driven(prototype(), "slalom")))
     assert "expected positive to the left" in found.refused
     assert not found.left_out
+
+
+def test_of_a_sensor_that_lies_otherwise_the_axis_that_is_wrong_in_the_car_is_left_out():
+    imu = prototype().sensors["imu"].model_copy(update={"attitude": (0.0, 0.0, np.pi / 2)})  # forward is to the left
+    lacking = without_components(driven(prototype(), "slalom"), imu, (2, 4))["imu/data"].columns
+    assert np.isnan(lacking[FORCES]).all(axis=0).tolist() == [True, False, False]
+    assert np.isnan(lacking[RATES]).all(axis=0).tolist() == [False, False, True]
 
 
 def test_coarse_steps_are_said():

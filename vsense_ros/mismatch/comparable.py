@@ -103,5 +103,5 @@ def _axes_of_sensor(sensor: SensorBase, axes: Sequence[int]) -> list[int]:
     turned = sensor.message_in_axes_of_car(units)
     if not turned:
         return list(axes)
-    of_car = turned[INERTIAL_FIELDS[0]]  # row: axis of the sensor, in the axes of the car
+    of_car = turned["angular_velocity"]  # row: axis of the sensor, in the axes of the car
     return [int(np.argmax(np.abs(of_car[:, axis]))) for axis in axes]
