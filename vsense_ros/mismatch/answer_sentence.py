@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-import numpy as np
-from numpy.typing import NDArray
+from collections.abc import Mapping, Sequence
 
 from vsense_ros.mismatch.answer_schema import (
     Answer,
@@ -14,8 +13,6 @@ from vsense_ros.mismatch.answer_schema import (
 from vsense_ros.mismatch.simulation import LOST
 from vsense_ros.mismatch.words import in_words, label, percent
 from vsense_ros.model.effects import BY_ID
-
-Array = NDArray[np.float64]
 
 
 def sentence(answer: Answer) -> str:
@@ -32,6 +29,20 @@ def sentence(answer: Answer) -> str:
         return f"Assumed, not searched for: {named}; with it {_falls(accepted[0], answer)}."
     rest = "" if answer.remainder is None else f". Something more is left over{_rest_in_words(answer.remainder)}"
     return f"The model leaves out {named}; with it {_falls(accepted[0], answer)}{rest}.{_began(answer)}"
+
+
+def conditions(answer: Answer, late: Mapping[str, float], left_out: Sequence[str]) -> str:
+    """On what an answer rests, as sentences behind its own: sensors that are `late` [s, by size of that effect], where
+    the answer does not name them, and the signals that were left out of the comparison, each with its reason."""
+    named = answer.verdict == "named"
+    said = [
+        f" The {label(sensor)} is {abs(age):.2g} s {'late' if age > 0 else 'early'}, which is taken into account."
+        for sensor, age in late.items()
+        if not (named and any(size.name == sensor for effect in answer.accepted for size in effect.parameters))
+    ]
+    if left_out:
+        said.append(f" Left out of the comparison: {'; '.join(left_out)}.")
+    return "".join(said)
 
 
 def _began(answer: Answer) -> str:

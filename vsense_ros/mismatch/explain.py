@@ -28,7 +28,7 @@ from vsense_ros.identification.least_squares import DivergedError, Fit, fit
 from vsense_ros.messages.recording import Recording
 from vsense_ros.mismatch import answer as entries
 from vsense_ros.mismatch.answer_schema import VERSION, Answer, Located, OutOfReach
-from vsense_ros.mismatch.answer_sentence import sentence
+from vsense_ros.mismatch.answer_sentence import conditions, sentence
 from vsense_ros.mismatch.candidates import BASE, Candidate, base_parameters, candidates, out_of_reach
 from vsense_ros.mismatch.comparable import comparable
 from vsense_ros.mismatch.data_quality import faults_in_words, faults_of, misfit, steps_in_words
@@ -161,9 +161,9 @@ def explain_recordings(
         found = explainer.explanation(most_telling(fitted, LONGEST_FITTED), most_telling(unseen, LONGEST_FITTED))
     except NotAssessableError as error:
         found = Explanation(explainer.answer.with_(sentence=_nothing_said(str(error))))
-    if compared.left_out and not compared.refused:
-        said = f"{found.answer.sentence} Left out of the comparison: {'; '.join(compared.left_out)}."
-        found = replace(found, answer=found.answer.with_(sentence=said))
+    if not compared.refused:
+        beside = conditions(found.answer, compared.late, compared.left_out)
+        found = replace(found, answer=found.answer.with_(sentence=found.answer.sentence + beside))
     if observe and found.extended is not None:
         found = _observed(found, compared.recordings, compared.held_out, fitted, vehicle, progress)
     return replace(found, answer=found.answer.with_(cpu_s=time.process_time() - begun))

@@ -108,7 +108,8 @@ def effect_rows(answer: Answer) -> list[EffectRow]:
     """All effects that were fitted, ranked."""
     gains = [_gains(effect, held_out=bool(answer.held_out)) for effect in answer.effects]
     widest = max(answer.threshold, 1e-12, *(gain for one in gains for gain in one.values()))
-    _, best = _deciding(gains[0]) if gains else ("", 0.0)
+    fitted = [gain for effect, gain in zip(answer.effects, gains, strict=True) if not _before_any_fit(answer, effect)]
+    _, best = _deciding(fitted[0]) if fitted else ("", 0.0)
     return [_effect_row(answer, effect, gain, best, widest) for effect, gain in zip(answer.effects, gains, strict=True)]
 
 
@@ -169,10 +170,17 @@ def _together(answer: Answer, effect: EffectEntry) -> str:
     return f"gains of {TOGETHER.get(len(ids), 'all')} together, with {others}{without}"
 
 
+def _before_any_fit(answer: Answer, effect: EffectEntry) -> bool:
+    """True for a delay that the lags between sensors determine, in an answer that names nothing of what was fitted."""
+    return effect.accepted and answer.verdict not in ("named", "ambiguous")
+
+
 def _standing(answer: Answer, effect: EffectEntry, gains: Mapping[str, float], best: float) -> str:
     """Why an effect is not the answer, or not the only one."""
     if effect.id not in BY_ID:
         return "describes what is left over, and names no physics"
+    if _before_any_fit(answer, effect):
+        return "determined before any fit, by the lags between sensors"
     within = effect.id in answer.answer_set
     weakest, least = _deciding(gains)
     if not within and (least < answer.threshold or best <= 0.0):
