@@ -10,8 +10,6 @@ from pathlib import Path
 import numpy as np
 import pytest
 from click.testing import CliRunner
-from hypothesis import given
-from hypothesis import strategies as st
 
 from drives import messages
 from monitored import altered, driven, prototype
@@ -21,9 +19,9 @@ from vsense_ros.errors import InputError
 from vsense_ros.files.vehicle import save_vehicle
 from vsense_ros.messages.diagnostic import Diagnostic, Level
 from vsense_ros.messages.recording import Recording
-from vsense_ros.observer.monitor import WINDOW, Limits, Quantity, Range, load_limits, save_limits
+from vsense_ros.observer.monitor import WINDOW, Limits, Range, load_limits, save_limits
 from vsense_ros.runner import Runner
-from vsense_ros.runner.calibration import MOST, Watch, calibrate, watch
+from vsense_ros.runner.calibration import calibrate, watch
 
 BEGIN = 18.0  # [s] when something goes wrong
 
@@ -196,76 +194,7 @@ def test_what_a_drive_lacks_and_a_copy_of_another_are_told_by_the_command(tmp_pa
     assert load_limits(tmp_path / "limits.yaml").recordings == ["monday/lap", "tuesday/lap"]
 
 
-# Limits, from made-up statistics
-
-
-def seen(name: str, *means: float, rms: float = 1.0) -> Watch:
-    """A recording with one quantity that has these means in its windows."""
-    statistics = np.array([[[mean], [rms]] for mean in means])
-    moment = (Quantity("yaw moment", "N m"),)
-    return Watch(name, 10.0 * len(means), moment, np.arange(len(means)), statistics, {}, name.encode())
-
-
-def test_the_margin_is_the_least_with_which_every_recording_passes_the_limits_of_the_others() -> None:
-    found = calibrate([seen("a", -1.0, 1.0), seen("b", -1.0, 1.0), seen("c", -1.9, 1.0)], prototype())
-    assert found.needed == {"yaw moment": pytest.approx(1.9)}
-    yaw = found.limits.quantities["yaw moment"]
-    assert yaw.margin == pytest.approx(1.9)
-    assert (yaw.low, yaw.high) == (pytest.approx(-0.45 - 1.9 * 1.45), pytest.approx(-0.45 + 1.9 * 1.45))
-    assert (found.limits.recordings, found.limits.seconds, found.unsure) == (["a", "b", "c"], 60.0, [])
-
-
-@given(st.lists(st.lists(st.floats(-1e3, 1e3), min_size=2, max_size=5), min_size=2, max_size=5))
-def test_what_was_calibrated_on_is_within_the_limits(means: list[list[float]]) -> None:
-    found = calibrate([seen(str(i), *row) for i, row in enumerate(means)], prototype())
-    for name, limit in found.limits.quantities.items():
-        assert name in found.needed
-        assert all(limit.low <= mean <= limit.high for row in means for mean in row)
-
-
-def test_a_quantity_that_differs_too_much_between_recordings_is_told_to_be_unsure() -> None:
-    found = calibrate([seen("a", -1.0, 1.0), seen("b", 50.0, 51.0)], prototype())
-    assert found.unsure == ["yaw moment"]
-    assert found.limits.quantities["yaw moment"].margin == MOST
-
-
-@pytest.mark.parametrize(
-    ("recordings", "reason"),
-    [
-        ([seen("a", 1.0, 1.0), seen("b", 1.0, 1.0)], "never changes in a, b"),
-        ([seen("a", 1.0, 1.0), seen("b", 0.0, 2.0), seen("c", 1.0, 1.0)], "never changes in a, c"),
-        ([seen("a", 0.0, 2.0), seen("b", np.nan, rms=np.nan), seen("c", 0.0, 1.0)], "not known in b"),
-        ([seen(name, np.nan, rms=np.nan) for name in "ab"], "not known in any recording"),
-    ],
-)
-def test_a_quantity_without_limits_is_told_with_the_recordings_that_are_the_reason(recordings, reason) -> None:
-    found = calibrate(recordings, prototype())
-    assert found.limits.quantities == {}
-    assert found.without == {"yaw moment": reason}
-
-
-def test_one_recording_is_not_enough_for_limits() -> None:
-    with pytest.raises(InputError, match="at least two recordings"):
-        calibrate([seen("a", 0.0)], prototype())
-
-
-def copy_of(one: Watch, name: str) -> Watch:
-    return replace(one, name=name)
-
-
-def test_a_drive_that_is_given_twice_counts_once() -> None:
-    a, b = seen("a", -1.0, 1.0), seen("b", -1.9, 1.0)
-    once = calibrate([a, b], prototype())
-    twice = calibrate([a, b, copy_of(b, "copy")], prototype())
-    assert twice.limits == once.limits
-    assert twice.needed == once.needed
-    assert (once.repeated, twice.repeated) == ([], [["b", "copy"]])
-
-
-def test_one_drive_given_twice_is_not_enough_for_limits() -> None:
-    a = seen("a", -1.0, 1.0)
-    with pytest.raises(InputError, match=r"at least two recordings.*the same drive was given more than once: a, copy$"):
-        calibrate([a, copy_of(a, "copy")], prototype())
+# Limits
 
 
 @pytest.mark.exam
