@@ -21,7 +21,7 @@ from vsense_ros.messages.diagnostic import Diagnostic, Level
 from vsense_ros.messages.recording import Recording
 from vsense_ros.observer.monitor import WINDOW, Limits, Range, load_limits, save_limits
 from vsense_ros.runner import Runner
-from vsense_ros.runner.calibration import calibrate, watch
+from vsense_ros.runner.calibration import Watch, calibrate, watch
 
 BEGIN = 18.0  # [s] when something goes wrong
 
