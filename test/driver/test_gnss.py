@@ -12,7 +12,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from pynmeagps import GET, NMEAMessage
-from pyubx2 import UBXMessage
+from pyubx2 import UBXMessage, calc_checksum
 from scipy.spatial.transform import Rotation
 
 from vsense_ros.bag.gnss_bytes import gnss_byte_stream
@@ -20,7 +20,7 @@ from vsense_ros.bag.importers import import_recording
 from vsense_ros.driver.gnss import GnssSettings, metres_between, stamp_of_day
 from vsense_ros.driver.nmea import NmeaDecoder
 from vsense_ros.driver.samples import UNMEASURED_VARIANCE, heading_and_tilt
-from vsense_ros.driver.ubx import UbxDecoder
+from vsense_ros.driver.ubx import PositionVelocityTime, RelativePosition, UbxDecoder, fletcher
 from vsense_ros.errors import InputError
 from vsense_ros.messages.diagnostic import Diagnostic, Level
 from vsense_ros.messages.recording import Sample
@@ -565,3 +565,46 @@ def test_the_rav4s_drive_passes_through_the_bytes_of_a_receiver_unchanged(rav4, 
 def test_settings_that_cannot_be_are_refused():
     with pytest.raises(InputError, match="timeout is 0, expected a number above 0"):
         GnssSettings(timeout=0)
+
+
+@given(st.binary(min_size=92, max_size=92))
+def test_the_numbers_of_nav_pvt_are_those_that_pyubx2_reads(payload: bytes) -> None:
+    ours = PositionVelocityTime.of(payload)
+    theirs = UBXMessage("NAV", "NAV-PVT", GET, payload=payload)
+    plain = ("iTOW", "year", "month", "day", "hour", "min", "second", "nano", "fixType", "height", "hAcc", "vAcc")
+    for name in (*plain, "velN", "velE", "velD", "sAcc"):
+        assert getattr(ours, name) == getattr(theirs, name), name
+    assert (round(ours.lat * 1e-7, 12), round(ours.lon * 1e-7, 12)) == (theirs.lat, theirs.lon)
+    flags = (theirs.validDate, theirs.validTime, theirs.fullyResolved)
+    assert [ours.valid >> i & 1 for i in range(3)] == [*flags]
+    assert (ours.flags & 1, ours.flags >> 1 & 1, ours.flags >> 6) == (
+        theirs.gnssFixOk,
+        theirs.diffSoln,
+        theirs.carrSoln,
+    )
+    assert ours.flags3 & 1 == theirs.invalidLlh
+
+
+@given(st.binary(min_size=63, max_size=63))
+def test_the_numbers_of_nav_relposned_are_those_that_pyubx2_reads(behind: bytes) -> None:
+    payload = b"\x01" + behind  # of version 1
+    ours = RelativePosition.of(payload)
+    theirs = UBXMessage("NAV", "NAV-RELPOSNED", GET, payload=payload)
+    assert ours.iTOW == theirs.iTOW
+    assert ours.relPosD + 0.01 * ours.relPosHPD == pytest.approx(theirs.relPosD, abs=1e-9)
+    assert ours.relPosLength + 0.01 * ours.relPosHPLength == pytest.approx(theirs.relPosLength, abs=1e-9)
+    assert ours.relPosHeading * 1e-5 == pytest.approx(theirs.relPosHeading, abs=1e-9)
+    assert (ours.accD * 0.1, ours.accHeading * 1e-5) == pytest.approx((theirs.accD, theirs.accHeading), abs=1e-6)
+    assert (ours.flags & 1, ours.flags >> 8 & 1) == (theirs.gnssFixOK, theirs.relPosHeadingValid)
+
+
+@given(st.binary(max_size=300))
+def test_the_checksum_of_ubx_is_that_of_pyubx2(data: bytes) -> None:
+    assert fletcher(data) == calc_checksum(data)
+
+
+def test_an_elevation_is_as_uncertain_as_the_receiver_says_of_the_height_between_the_antennas() -> None:
+    decoder = UbxDecoder()
+    decoder.feed(pvt(NOON), stamp(NOON))
+    (sample,) = decoder.feed(relposned(NOON, accD=5.0), stamp(NOON) + 1)  # [mm], of a metre
+    assert sample.values["orientation_covariance"][4] == pytest.approx((5e-3 / 1.01) ** 2, rel=1e-6)

@@ -20,6 +20,7 @@ from vsense_ros.driver.can_mapped_signal import Signal, Valid
 from vsense_ros.driver.can_mapping import (
     AnyOutput,
     CounterCheck,
+    ImuOutput,
     JointStateOutput,
     MessageCheck,
     suggestion,
@@ -202,6 +203,7 @@ class Receiver:
             )
         self.places = [self._place(name, field) for name, field in self.fields.items()]
         self._before: dict[str, float] = {}  # the latest value of each signal
+        self._templates: dict[tuple[int, tuple[str, ...]], _Template] = {}  # by output and the values that it has
         self.latency = round(check.latency * NANO)
         self.checksum = check.checksum
         if self.checksum is not None and not -1 <= self.checksum.byte < self.length:
@@ -277,7 +279,16 @@ class Receiver:
         if not made or not monitor.accept(arrival, received):
             return []
         stamp = arrival - self.latency
-        return [_sample(output, values, stamp, at) for output, values in made]
+        return [self._sample(output, values, stamp, at) for output, values in made]
+
+    def _sample(self, output: AnyOutput, values: dict[str, float], stamp: int, received: int) -> Sample:
+        if isinstance(output, MotionBase):
+            return _motion_sample(output, values, stamp, received)
+        key = id(output), tuple(values)
+        template = self._templates.get(key)
+        if template is None:
+            template = self._templates[key] = _Template.of(output, key[1])
+        return template.filled(values, stamp, received)
 
     def _values(
         self, conversions: list[_Conversion], physical: dict[str, float], refused: dict[str, str], at: int
@@ -406,22 +417,54 @@ def _not_valid(conversion: _Conversion, flag: _Flag) -> str:
     return f"{conversion.name} is not valid by {flag.signal}"
 
 
-def _sample(output: AnyOutput, values: dict[str, float], stamp: int, received: int) -> Sample:
-    if isinstance(output, JointStateOutput):
-        return samples.joint_state(output.topic, stamp, output.field, values, received)
-    if isinstance(output, MotionBase):
-        columns = output.columns({name: np.array([value]) for name, value in values.items()})
-        row = {name: column[0] for name, column in columns.items()}
-        frame, child = output.frames
-        return Sample(output.topic, output.message_kind, stamp, row, frame, child_frame_id=child, received=received)
-    vectors: dict[str, np.ndarray | None] = {}
-    for field in ("angular_velocity", "linear_acceleration"):
-        names = [f"{field}_{axis}" for axis in "xyz"]
-        if not any(name in values for name in names):
-            continue
-        vectors[field] = np.array([values.get(name, math.nan) for name in names])
-        deviations = {str(axis): signal.standard_deviation for axis, signal in output.axes.items() if axis in values}
-        vectors[f"{field}_covariance"] = samples.diagonal(
-            [(deviations.get(name) or 0.0) ** 2 or samples.UNMEASURED_VARIANCE for name in names]
+def _motion_sample(output: MotionBase, values: dict[str, float], stamp: int, received: int) -> Sample:
+    columns = output.columns({name: np.array([value]) for name, value in values.items()})
+    row = {name: column[0] for name, column in columns.items()}
+    frame, child = output.frames
+    return Sample(output.topic, output.message_kind, stamp, row, frame, child_frame_id=child, received=received)
+
+
+@dataclass(frozen=True, slots=True)
+class _Template:
+    """What all samples of one output with the same values have in common: arrays that may not be changed, and which
+    values make each of the others."""
+
+    sample: Sample
+    vectors: tuple[tuple[str, tuple[str, ...]], ...]
+
+    @staticmethod
+    def of(output: JointStateOutput | ImuOutput, names: tuple[str, ...]) -> _Template:
+        """The template of an output that is made of the values with these names."""
+        if isinstance(output, JointStateOutput):
+            sample = samples.joint_state(output.topic, 0, output.field, dict.fromkeys(names, 0.0))
+            vectors: dict[str, tuple[str, ...]] = {output.field: names}
+        else:
+            sample, vectors = _imu_sample(output, names)
+        for array in sample.values.values():
+            array.setflags(write=False)
+        return _Template(sample, tuple(vectors.items()))
+
+    def filled(self, values: dict[str, float], stamp: int, received: int) -> Sample:
+        """A sample with these values at a time [ns]."""
+        common = self.sample
+        content = dict(common.values)
+        for field, names in self.vectors:
+            content[field] = np.array([values.get(name, math.nan) for name in names])
+        return Sample(
+            common.topic, common.kind, stamp, content, common.frame_id, common.names, common.child_frame_id, received
         )
-    return samples.imu(output.topic, stamp, output.frame_id, received=received, **vectors)
+
+
+def _imu_sample(output: ImuOutput, names: tuple[str, ...]) -> tuple[Sample, dict[str, tuple[str, ...]]]:
+    """A sample of an inertial sensor that measures the axes with these names, and the names that make its vectors."""
+    axes: dict[str, tuple[str, ...]] = {}
+    fields: dict[str, Any] = {}
+    deviations = {str(axis): signal.standard_deviation for axis, signal in output.axes.items() if axis in names}
+    for field in ("angular_velocity", "linear_acceleration"):
+        every = tuple(f"{field}_{axis}" for axis in "xyz")
+        if any(name in names for name in every):
+            axes[field], fields[field] = every, np.full(3, math.nan)
+            fields[f"{field}_covariance"] = samples.diagonal(
+                [(deviations.get(name) or 0.0) ** 2 or samples.UNMEASURED_VARIANCE for name in every]
+            )
+    return samples.imu(output.topic, 0, output.frame_id, **fields), axes

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import calendar
 import datetime
 import math
 from collections import Counter
@@ -18,6 +17,7 @@ from vsense_ros.messages.diagnostic import Diagnostic, Level
 from vsense_ros.messages.recording import Sample
 
 DAY = 86400 * NANO
+_EPOCH = datetime.date(1970, 1, 1).toordinal()
 _MOST_KINDS = 64  # of frames that are counted by name
 
 # sensor_msgs/NavSatStatus and NavSatFix
@@ -58,7 +58,8 @@ class GnssSettings:
 
 def utc_stamp(moment: datetime.datetime, nanoseconds: int = 0) -> int:
     """Unix time [ns] of a UTC date and time."""
-    return (calendar.timegm(moment.timetuple()) * NANO) + moment.microsecond * 1000 + nanoseconds
+    seconds = ((moment.toordinal() - _EPOCH) * 24 + moment.hour) * 3600 + moment.minute * 60 + moment.second
+    return seconds * NANO + moment.microsecond * 1000 + nanoseconds
 
 
 def stamp_of_day(time_of_day: int, reference: int) -> int:
@@ -144,8 +145,12 @@ class GnssChannels:
         settings = self.settings
         kind = "sensor_msgs/msg/NavSatFix"
         made = Sample(settings.fix_topic, kind, stamp, values, settings.frame_id, received=received)
-        self.watch.add(replace(made, topic="gps/fix"))
+        self._watch(made, "gps/fix")
         return [made]
+
+    def _watch(self, made: Sample, topic: str) -> None:
+        """Show a sample to the checks, which know it by its usual topic."""
+        self.watch.add(made if made.topic == topic else replace(made, topic=topic))
 
     def _look_for_a_jump(self, stamp: int, received: int, latitude: float, longitude: float) -> None:
         last, self._last_fix = self._last_fix, (stamp, latitude, longitude)
@@ -183,7 +188,7 @@ class GnssChannels:
         kind = "geometry_msgs/msg/TwistWithCovarianceStamped"
         settings = self.settings
         made = Sample(settings.velocity_topic, kind, stamp, values, settings.map_frame_id, received=received)
-        self.watch.add(replace(made, topic="gps/velocity"))
+        self._watch(made, "gps/velocity")
         return [made]
 
     def attitude(

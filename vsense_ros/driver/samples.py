@@ -19,7 +19,10 @@ ABSENT: NDArray[np.float64] = np.array([-1.0] + [0.0] * 8)
 
 def diagonal(variances: ArrayLike) -> NDArray[np.float64]:
     """Covariance (n²,) of independent axes with variances (n,)."""
-    return np.diag(np.asarray(variances, float)).ravel()
+    numbers = np.asarray(variances, float)
+    covariance = np.zeros(numbers.size**2)
+    covariance[:: numbers.size + 1] = numbers
+    return covariance
 
 
 def imu(

@@ -5,9 +5,10 @@ from __future__ import annotations
 import datetime
 import math
 import struct
-from typing import Any
+from itertools import accumulate
+from typing import NamedTuple
 
-from pyubx2 import UBX_MSGIDS, UBXReader, exceptions
+from pyubx2 import UBX_MSGIDS
 
 from vsense_ros.driver import gnss
 from vsense_ros.driver.gnss import GnssChannels, GnssSettings, LinkStatistics
@@ -23,18 +24,72 @@ _PVT = bytes.fromhex("b56201075c00")
 _SHORT_PVT = bytes.fromhex("b56201075400")  # of u-blox 7: without flags3 and what stands behind it
 _RELPOSNED = bytes.fromhex("b562013c4000")
 _SIZES = {_PVT: 6 + 92 + 2, _SHORT_PVT: 6 + 84 + 2, _RELPOSNED: 6 + 64 + 2}
+_LONG_PVT = 92  # [byte] of its payload
+_PVT_LAYOUT = struct.Struct("<IHBBBBBB4xiBBxxiii4xIIiii8xI6xH12x")
+_RELPOSNED_LAYOUT = struct.Struct("<4xI8xiii4xxxbb8xI4xI4xI")
 _SYNC = b"\xb5\x62"
+# Flags of the frames: of `valid`, of `flags` of both, of `flags3`.
+_TIME_VALID, _TIME_RESOLVED = 0b011, 0b100
+_FIX_OK, _DIFFERENTIAL, _CARRIER, _HEADING_VALID = 0b1, 0b10, 0b1100_0000, 0b1_0000_0000
+_NO_POSITION = 0b1
+_DIGITS = 12  # to which an angle [deg] is rounded: its step is no sum of powers of two
 _LONGEST = 1024  # [byte] of a frame whose name is looked for
 _NAMES = {identifier: name for identifier, name in UBX_MSGIDS.items() if len(identifier) == 2}
 
 
 def fletcher(data: bytes) -> bytes:
-    """The 8-bit Fletcher checksum of UBX, of class to payload."""
-    a = b = 0
-    for byte in data:
-        a = (a + byte) & 0xFF
-        b = (b + a) & 0xFF
-    return bytes((a, b))
+    """The 8-bit Fletcher checksum of UBX, of class to payload: the sum of its bytes, and of all sums up to each."""
+    return bytes((sum(data) & 0xFF, sum(accumulate(data)) & 0xFF))
+
+
+class PositionVelocityTime(NamedTuple):
+    """The payload of NAV-PVT as u-blox's interface description has it: whole numbers, in its units."""
+
+    iTOW: int
+    year: int
+    month: int
+    day: int
+    hour: int
+    min: int
+    second: int
+    valid: int
+    nano: int
+    fixType: int
+    flags: int
+    lon: int
+    lat: int
+    height: int
+    hAcc: int
+    vAcc: int
+    velN: int
+    velE: int
+    velD: int
+    sAcc: int
+    flags3: int
+
+    @classmethod
+    def of(cls, payload: bytes) -> PositionVelocityTime:
+        """The numbers in a payload (92 bytes)."""
+        return cls(*_PVT_LAYOUT.unpack(payload))
+
+
+class RelativePosition(NamedTuple):
+    """The payload of NAV-RELPOSNED, likewise; the fractions of its lengths are hundredths of their unit."""
+
+    iTOW: int
+    relPosD: int
+    relPosLength: int
+    relPosHeading: int
+    relPosHPD: int
+    relPosHPLength: int
+    accD: int
+    accHeading: int
+    flags: int
+
+    @classmethod
+    def of(cls, payload: bytes) -> RelativePosition:
+        """The numbers in a payload (64 bytes)."""
+        return cls(*_RELPOSNED_LAYOUT.unpack(payload))
 
 
 class UbxDecoder:
@@ -105,28 +160,19 @@ class UbxDecoder:
 
     def _frame(self, frame: bytes, received: int) -> list[Sample]:
         self.link.frame(received)
-        if frame.startswith(_SHORT_PVT):
-            content = _PVT[2:] + frame[6:-2] + bytes(8)
-            frame = _SYNC + content + fletcher(content)
-        try:
-            message = UBXReader.parse(frame)
-        except (exceptions.UBXParseError, exceptions.UBXMessageError, exceptions.UBXTypeError, ValueError):
-            self.link.broken(received)
-            return []
-        if frame.startswith(_PVT):
-            (time_of_week,) = struct.unpack_from("<I", frame, 6)
-            return self._position_velocity_time(message, time_of_week, received)
-        (time_of_week,) = struct.unpack_from("<I", frame, 6 + 4)
-        return self._relative_position(message, time_of_week, received)
+        payload = frame[6:-2]
+        if frame.startswith(_RELPOSNED):
+            return self._relative_position(RelativePosition.of(payload), received)
+        return self._position_velocity_time(PositionVelocityTime.of(payload.ljust(_LONG_PVT, b"\0")), received)
 
-    def _position_velocity_time(self, message: Any, time_of_week: int, received: int) -> list[Sample]:
+    def _position_velocity_time(self, message: PositionVelocityTime, received: int) -> list[Sample]:
         channels = self.channels
         objection = None
-        if not (message.validDate and message.validTime):
+        if message.valid & _TIME_VALID != _TIME_VALID:
             objection = "time not known"
-        elif not message.fullyResolved:
+        elif not message.valid & _TIME_RESOLVED:
             objection = "time not resolved: the leap seconds are not known yet"
-        elif not message.gnssFixOk or message.fixType not in (2, 3, 4):
+        elif not message.flags & _FIX_OK or message.fixType not in (2, 3, 4):
             objection = "no fix"
         else:
             try:
@@ -141,23 +187,23 @@ class UbxDecoder:
             return []
         # A leap second has the number 60; Unix time has no place for it and repeats the one before.
         stamp = gnss.utc_stamp(moment, message.nano)
-        self._week = (time_of_week, stamp)
+        self._week = (message.iTOW, stamp)
         made: list[Sample] = []
-        if message.invalidLlh:
+        if message.flags3 & _NO_POSITION:
             channels.fix_monitor.fault("no fix", received)
         else:
             status = gnss.STATUS_FIX
-            if message.carrSoln:
+            if message.flags & _CARRIER:
                 status = gnss.STATUS_GBAS
-            elif message.diffSoln:
+            elif message.flags & _DIFFERENTIAL:
                 status = gnss.STATUS_SBAS
             # hAcc is the radial deviation of two axes.
             horizontal, vertical = (message.hAcc * 1e-3) ** 2 / 2, (message.vAcc * 1e-3) ** 2
             made += channels.fix(
                 stamp,
                 received,
-                message.lat,
-                message.lon,
+                round(message.lat * 1e-7, _DIGITS),
+                round(message.lon * 1e-7, _DIGITS),
                 message.height * 1e-3,
                 (horizontal, horizontal, vertical),
                 status,
@@ -168,25 +214,26 @@ class UbxDecoder:
         east, north, up = message.velE * 1e-3, message.velN * 1e-3, -message.velD * 1e-3
         return made + channels.velocity(stamp, received, east, north, up, (axis, axis, axis))
 
-    def _relative_position(self, message: Any, time_of_week: int, received: int) -> list[Sample]:
-        if not (message.relPosHeadingValid and message.gnssFixOK):
+    def _relative_position(self, message: RelativePosition, received: int) -> list[Sample]:
+        if not (message.flags & _HEADING_VALID and message.flags & _FIX_OK):
             self.channels.attitude_monitor.fault("heading not valid", received)
             return []
         if self._week is None:
             return []
         reference, stamp = self._week
-        milliseconds = (time_of_week - reference + WEEK // 2) % WEEK - WEEK // 2
-        heading_variance = math.radians(max(message.accHeading, 1e-3)) ** 2
+        milliseconds = (message.iTOW - reference + WEEK // 2) % WEEK - WEEK // 2
+        heading_variance = math.radians(max(round(message.accHeading * 1e-5, _DIGITS), 1e-3)) ** 2
         elevation = None
         elevation_variance = 0.0
-        length = message.relPosLength * 1e-2
-        if length > 0 and abs(message.relPosD) * 1e-2 <= length:
-            elevation = math.asin(-message.relPosD * 1e-2 / length)
-            elevation_variance = max((message.accD * 1e-2 / length) ** 2, 1e-8)
+        length = (message.relPosLength + message.relPosHPLength * 1e-2) * 1e-2
+        down = (message.relPosD + message.relPosHPD * 1e-2) * 1e-2
+        if length > 0 and abs(down) <= length:
+            elevation = math.asin(-down / length)
+            elevation_variance = max((message.accD * 1e-4 / length) ** 2, 1e-8)
         return self.channels.attitude(
             stamp + milliseconds * MILLISECOND,
             received,
-            math.radians(message.relPosHeading),
+            math.radians(round(message.relPosHeading * 1e-5, _DIGITS)),
             heading_variance,
             elevation,
             elevation_variance,

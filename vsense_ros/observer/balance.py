@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from math import exp, pi
+from math import exp, isfinite, pi
 
 import numpy as np
 from numpy.typing import NDArray
@@ -52,6 +52,7 @@ class Balance:
         self._value: Array | None = None  # of the newest reading, as it came, and its stamp [ns]
         self._heard = 0
         self._has = np.zeros(6, dtype=bool)  # the axes that it has
+        self._complete = False  # True: it has all of them
         self._told = np.zeros(6, dtype=bool)  # the sums that these tell
         self._stamp = 0  # of the newest estimate [ns]
         self._once, self._twice = np.zeros(14), np.zeros(14)
@@ -65,10 +66,14 @@ class Balance:
         """A reading of any sensor, of which the newest of the inertial one counts."""
         if event.sensor != self._index or (self._value is not None and event.stamp < self._heard):
             return
-        has = np.isfinite(event.value)
         silent = self._value is None or event.stamp - self._heard > LONGEST_GAP * 1e9
+        if self._complete and not silent and isfinite(event.value.dot(event.value)):
+            self._heard, self._value = event.stamp, event.value.copy()
+            return
+        has = np.isfinite(event.value)
         if silent and (has != self._has).any():
             self._has, self._told = has, self._tells(has)
+            self._complete = bool(has.all())
         if not (self._has & ~has).any():
             self._heard, self._value = event.stamp, np.where(self._has, event.value, _AT_REST)
 

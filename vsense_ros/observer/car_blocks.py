@@ -64,6 +64,23 @@ TWIST_SIZE = TWIST.stop - TWIST.start
 ROAD_SLOW = slice(ROAD_STATES.start - SLOW, ROAD_STATES.stop - SLOW)  # of the states behind the velocities
 
 
+def accelerations_by_error(by_q: Array, by_u: Array, by_disturbances: Array, size: int) -> Array:
+    """Derivative of the first r accelerations by the errors of a state of this size (…, r, n), from that by the
+    dynamic coordinates (…, r, 7), velocities (…, r, 14) and disturbances (…, r, 7)."""
+    by_error = np.zeros((*by_u.shape[:-1], size))
+    by_error[..., DYNAMIC], by_error[..., U] = by_q, by_u
+    by_error[..., FORCE], by_error[..., DISTURB] = _UNIT[: by_u.shape[-2]], by_disturbances
+    return by_error
+
+
+def wheels_by_error(derivative: Array, mass: Array, size: int) -> tuple[Array, Array]:
+    """Derivatives (…, 16, n) and (…, 3, n) by the errors of a state of this size, of `CarBlocks.wheel_slopes`."""
+    by_error, lacking = np.zeros((*derivative.shape[:-1], size)), np.zeros((*mass.shape[:-1], size))
+    by_error[..., _OF_FORCES] = derivative
+    lacking[..., FORCE] = mass
+    return by_error, lacking
+
+
 class CarBlocks(CarMemory):
     """One vehicle with one set of sensors, and the steps and corrections of its filter."""
 
@@ -225,20 +242,15 @@ class CarBlocks(CarMemory):
 
     def through(self) -> Array:
         """Derivative of the accelerations by the errors, (14, n)."""
-        through = np.zeros((COORDINATES, self.layout.size))
-        through[:, DYNAMIC], through[:, U] = self.by_q, self.by_u
-        through[:, FORCE], through[:, DISTURB] = _UNIT, self.by_disturbances
-        return through
+        return accelerations_by_error(self.by_q, self.by_u, self.by_disturbances, self.layout.size)
 
-    def through_wheels(self) -> tuple[Array, Array]:
-        """Derivatives by the errors: of force x, y, z and aligning moment of each wheel as the model has them, (16, n),
-        and of the generalized forces along x and y and about z that it lacks, (3, n)."""
+    def wheel_slopes(self) -> tuple[Array, Array]:
+        """Derivatives at the present state, of which `wheels_by_error` makes those by the errors: of force x, y, z and
+        aligning moment of each wheel as the model has them, (16, k), and of the generalized forces along x and y and
+        about z that it lacks, (3, 14)."""
         self._wheel_forces.call()
         derivative, mass = self._wheel_forces.results
-        by_error, lacking = np.zeros((len(derivative), self.layout.size)), np.zeros((3, self.layout.size))
-        by_error[:, _OF_FORCES] = derivative
-        lacking[:, FORCE] = mass
-        return by_error, lacking
+        return derivative, mass
 
     def sense(self, sensor: str, value: Array) -> tuple[Array, Array]:
         known = self.sensed[sensor]

@@ -30,7 +30,8 @@ from vsense_ros.model.coordinates import (
     Y,
 )
 from vsense_ros.model.sensors.wheel_speeds import NAMES as WHEEL_NAMES
-from vsense_ros.observer.car_blocks import CarBlocks
+from vsense_ros.model.vehicle import Vehicle
+from vsense_ros.observer.car_blocks import CarBlocks, accelerations_by_error, wheels_by_error
 from vsense_ros.observer.error_ekf import CarFilter
 from vsense_ros.observer.observable import undetermined
 from vsense_ros.observer.state import DISTURB, FORCE, TWIST
@@ -46,9 +47,6 @@ _OVER_AND_OF_ROAD = np.column_stack([np.eye(6), [0, 0, 1, 0, 0, 0], [0, 0, 0, 1,
 _VELOCITY, _RATES = (slice(TWIST.start + part.start, TWIST.start + part.stop) for part in (slice(0, 3), slice(3, 6)))
 _LONGITUDINAL_FORCES = slice(0, None, 4)
 _LATERAL_FORCES = slice(1, None, 4)  # of force x, y, z and moment of each wheel
-# A vector a times this is the matrix (3, 3) that makes a × b of b.
-_ACROSS = np.zeros((3, 3, 3))
-_ACROSS[[0, 1, 2], [1, 2, 0], [2, 0, 1]], _ACROSS[[0, 1, 2], [2, 0, 1], [1, 2, 0]] = 1.0, -1.0
 _SMALLEST_SPEED = 0.5  # [m/s] below it a side-slip angle has no meaning
 
 
@@ -56,7 +54,8 @@ _SMALLEST_SPEED = 0.5  # [m/s] below it a side-slip angle has no meaning
 class Estimate:
     """State of the car at one time, or at many: then all arrays have one more axis in front (`stacked`).
 
-    What follows from the filter's state is computed when it is asked for.
+    It holds copies of what the filter has, and what follows from these is computed when it is asked for: of many
+    estimates at once, for a fraction of what each would cost.
     """
 
     stamp: int  # [ns]
@@ -64,13 +63,13 @@ class Estimate:
     inputs: Array  # (5,) as model.car.INPUTS
     udot: Array  # (14,) derivatives of the velocities
     model_wheels: Array  # (7, 4) as Car.wheel_outputs
-    pose_covariance: Array  # (6, 6) position, attitude, with what innovations do not show (`unseen`)
-    twist_covariance: Array  # (6, 6) velocity, rates, likewise
-    variance: Array  # (n,) of the errors of the state
+    covariance: Array  # (n, n) of the errors of the state
+    acceleration_slopes: tuple[Array, Array, Array]  # (6, k) as `accelerations_by_error` takes them
+    wheel_slopes: tuple[Array, Array]  # (16, k) and (3, 14), as `wheels_by_error` takes them
     names: tuple[str, ...]  # of the state
     axle_distances: Array  # (2,) of the front and the rear axle from cog [m]
-    acceleration_covariance: Array  # (6, 6) of acceleration and angular acceleration
-    wheel_variance: Array  # (4, 4) of force x, y, z [N²] and aligning moment [N² m²] of each wheel
+    car: CarBlocks  # of the filter, whose settings do not change
+    vehicle: Vehicle
     # (6,) force [N] and moment [N m] of the tyres beyond what the inertial sensor feels, as `model.car.balance` and
     # low-passed; NaN while it is not heard.
     unbalanced: Array = field(default_factory=lambda: np.full(6, np.nan))
@@ -80,28 +79,93 @@ class Estimate:
     @classmethod
     def of(cls, stamp: int, filter: CarFilter) -> Estimate:
         """Read a filter, and leave it as it is."""
-        state, covariance = filter.belief()
-        udot, wheels = filter.car.present()
-        made = cls(
+        (state, covariance), car = filter.belief(), filter.car
+        udot, wheels = car.present()
+        derivative, mass = car.wheel_slopes()
+        return cls(
             stamp,
             state.copy(),
             filter.inputs.copy(),
             udot.copy(),
             wheels.copy(),
-            _on_map(covariance),
-            covariance[TWIST, TWIST].copy(),
-            covariance.diagonal().copy(),
+            covariance.copy(),
+            (car.by_q[:6].copy(), car.by_u[:6].copy(), car.by_disturbances[:6].copy()),
+            (derivative.copy(), mass.copy()),
             filter.names,
-            filter.car.axle_distances,
-            np.empty((6, 6)),
-            np.empty((4, 4)),
-            longitudinal_shares=filter.car.longitudinal_shares.copy(),
-            undetermined=undetermined(filter.car, covariance),
+            car.axle_distances,
+            car,
+            car.vehicle,
+            longitudinal_shares=car.longitudinal_shares.copy(),
+            undetermined=undetermined(car, covariance),
         )
-        _fill_variances(made, filter.car, covariance)
-        car = filter.car
-        add_unseen(made, car.vehicle.observer.unseen, car.receiver_noise)
-        return made
+
+    @property
+    def variance(self) -> Array:
+        """Variances (n,) of the errors of the state."""
+        return self.covariance.diagonal(axis1=-2, axis2=-1)
+
+    @property
+    def pose_covariance(self) -> Array:
+        """Covariance of position and attitude on the map (6, 6), with what innovations do not show (`unseen`)."""
+        return self._motion_covariances[0]
+
+    @property
+    def twist_covariance(self) -> Array:
+        """Covariance of velocity and rates (6, 6), with what innovations do not show."""
+        return self._motion_covariances[1]
+
+    @cached_property
+    def _motion_covariances(self) -> tuple[Array, Array]:
+        pose, twist = _on_map(self.covariance), self.covariance[..., TWIST, TWIST].copy()
+        add_unseen(pose, twist, self, self.vehicle.observer.unseen, self.car.receiver_noise)
+        return pose, twist
+
+    @cached_property
+    def _model_covariance(self) -> Array:
+        """Covariance of the errors of the model's state (m, m), to which parameters do not belong. A filter that has no
+        errors of forces assumes some."""
+        n = self.car.layout.size
+        covariance = self.covariance[..., :n, :n]
+        without = ~covariance[..., FORCE, FORCE].any(axis=(-2, -1))
+        if without.any():
+            covariance = covariance.copy()
+            covariance[..., FORCE, FORCE][without] = np.diag(self.car.prior.deviation[FORCE] ** 2)
+        return covariance
+
+    @cached_property
+    def acceleration_covariance(self) -> Array:
+        """Covariance of acceleration and angular acceleration (6, 6), to first order."""
+        by_error = accelerations_by_error(*self.acceleration_slopes, self.car.layout.size)
+        by_error[..., :3, _VELOCITY] += _across(self.rates)
+        by_error[..., :3, _RATES] -= _across(self.velocity)
+        return by_error @ self._model_covariance @ by_error.swapaxes(-2, -1)
+
+    @cached_property
+    def wheel_variance(self) -> Array:
+        """Variances of force x, y, z [N²] and aligning moment [N² m²] of each wheel (4, 4), to first order.
+
+        Tyre forces are in proportion to the mass, of which the car's motion tells next to nothing: what it may weigh
+        beyond the file adds that share of each force, or what is left of it where the filter estimates the mass.
+        """
+        by_error, lacking = wheels_by_error(*self.wheel_slopes, self.car.layout.size)
+        along, across, about = (lacking[..., i, :] for i in range(3))
+        to_front, to_rear = self.axle_distances[..., 0, None], self.axle_distances[..., 1, None]
+        front = (to_rear * across + about) / (to_front + to_rear)
+        steering = self.inputs[..., 0] - self.state[..., DISTURB.start + STEERING_OFFSET]
+        # As in `with_lateral_error`.
+        of_axles = np.stack([front / np.cos(steering)[..., None], across - front], axis=-2)
+        part = longitudinal_part(self.longitudinal_shares, steering)
+        by_error[..., _LONGITUDINAL_FORCES, :] += part[..., None] * along[..., None, :]
+        of_wheels = _shares(self.model_wheels[..., 2, :])[..., None] * of_axles[..., None, :]
+        by_error[..., _LATERAL_FORCES, :] += of_wheels.reshape(*of_wheels.shape[:-3], 4, -1)
+        variance = np.einsum("...ij,...ij->...i", by_error @ self._model_covariance, by_error)
+        variance = variance.reshape(*variance.shape[:-1], 4, 4).swapaxes(-2, -1)
+        mass: Array | float = self.vehicle.physics.chassis.mass
+        of_mass: Array | float = self.vehicle.observer.surroundings.load**2
+        if _MASS in self.names:
+            place = self.names.index(_MASS)
+            mass, of_mass = self.state[..., place, None, None], self.covariance[..., place, place, None, None]
+        return variance + (self.wheels[..., :4, :] / mass) ** 2 * of_mass
 
     @property
     def position(self) -> Array:
@@ -200,41 +264,19 @@ class Estimate:
 
 
 def _on_map(covariance: Array) -> Array:
-    """Covariance of position and attitude on the map (6, 6), to first order: height, roll and pitch are those over
+    """Covariance of position and attitude on the map (…, 6, 6), to first order: height, roll and pitch are those over
     the road and those of the road."""
-    return _OVER_AND_OF_ROAD @ covariance[_POSE_AND_ROAD] @ _OVER_AND_OF_ROAD.T
+    of_both = np.ascontiguousarray(covariance[(..., *_POSE_AND_ROAD)])
+    return _OVER_AND_OF_ROAD @ of_both @ _OVER_AND_OF_ROAD.T
 
 
-def _fill_variances(e: Estimate, car: CarBlocks, belief: Array) -> None:
-    """Those of accelerations and tyre forces, to first order, from the covariance of the filter's errors.
-
-    Tyre forces are in proportion to the mass, of which the car's motion tells next to nothing: what it may weigh beyond
-    the file adds that share of each force, or what is left of it where the filter estimates the mass.
-    """
-    n = car.layout.size
-    covariance = belief[:n, :n]
-    if not covariance[FORCE, FORCE].any():  # of a filter that has no errors of forces: those that it assumes
-        covariance = covariance.copy()
-        covariance[FORCE, FORCE] = np.diag(car.prior.deviation[FORCE] ** 2)
-    by_error = car.through()[:6]
-    by_error[:3, _VELOCITY] += e.rates.dot(_ACROSS)
-    by_error[:3, _RATES] -= e.velocity.dot(_ACROSS)
-    e.acceleration_covariance[:] = by_error @ covariance @ by_error.T
-
-    by_error, (along, across, about) = car.through_wheels()
-    to_front, to_rear = e.axle_distances
-    front = (to_rear * across + about) / (to_front + to_rear)
-    steering = e.inputs[0] - e.state[DISTURB.start + STEERING_OFFSET]
-    of_axles = np.array([front / np.cos(steering), across - front])  # as in `with_lateral_error`
-    by_error[_LONGITUDINAL_FORCES] += np.outer(longitudinal_part(e.longitudinal_shares, steering), along)
-    by_error[_LATERAL_FORCES] += (_shares(e.model_wheels[2])[..., None] * of_axles[:, None]).reshape(4, -1)
-    variance = np.einsum("ij,ij->i", by_error @ covariance, by_error).reshape(4, 4).T
-    mass = car.vehicle.physics.chassis.mass
-    of_mass = car.vehicle.observer.surroundings.load**2
-    if _MASS in e.names:
-        place = e.names.index(_MASS)
-        mass, of_mass = e.state[place], belief[place, place]
-    e.wheel_variance[:] = variance + (e.wheels[:4] / mass) ** 2 * of_mass
+def _across(vector: Array) -> Array:
+    """Matrices (…, 3, 3) that make a × b of b, for vectors a (…, 3)."""
+    x, y, z = vector.T
+    result = np.zeros((*vector.shape, 3))
+    result[..., 0, 1], result[..., 0, 2], result[..., 1, 2] = -z, y, -x
+    result[..., 1, 0], result[..., 2, 0], result[..., 2, 1] = z, -y, x
+    return result
 
 
 def _cross(a: Array, b: Array) -> Array:
@@ -246,12 +288,15 @@ def _cross(a: Array, b: Array) -> Array:
 
 def stacked(estimates: Sequence[Estimate]) -> Estimate:
     """Many estimates of one filter as one, whose stamp is that of the first."""
-    arrays: dict[str, Any] = {
-        f.name: np.array([getattr(e, f.name) for e in estimates])
-        for f in fields(Estimate)
-        if f.name not in ("stamp", "names", "chassis")
-    }
-    return replace(estimates[0], **arrays)
+    first = estimates[0]
+    arrays: dict[str, Any] = {}
+    for f in fields(Estimate):
+        every = [getattr(e, f.name) for e in estimates]
+        if isinstance(every[0], np.ndarray):
+            arrays[f.name] = np.array(every)
+        elif f.name.endswith("slopes"):
+            arrays[f.name] = tuple(np.array(part) for part in zip(*every, strict=True))
+    return replace(first, **arrays)
 
 
 def with_lateral_error(wheels: Array, force: Array, steering: Array | float, axle_distances: Array) -> Array:

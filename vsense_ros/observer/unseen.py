@@ -36,15 +36,7 @@ _TWIST_SIZE = 6
 
 
 class Motion(Protocol):
-    """The motion of a car at one moment, with its covariances, as an estimate has it."""
-
-    @property
-    def pose_covariance(self) -> Array:
-        """Covariance (6, 6) of position [m] and attitude [rad]."""
-
-    @property
-    def twist_covariance(self) -> Array:
-        """Covariance (6, 6) of velocity [m/s] and rates [rad/s]."""
+    """The motion of a car at one moment, or at many: then all arrays have one more axis in front."""
 
     @property
     def velocity(self) -> Array:
@@ -63,33 +55,36 @@ class Motion(Protocol):
         """Attitude on the map as a quaternion (4,), x, y, z, w."""
 
 
-def add_unseen(estimate: Motion, unseen: UnseenErrors, receiver_noise: float) -> None:
-    """Add to `pose_covariance` and `twist_covariance` (6, 6) of one estimate what innovations do not show.
+def add_unseen(pose: Array, twist: Array, motion: Motion, unseen: UnseenErrors, receiver_noise: float) -> None:
+    """Add what innovations do not show to the covariances (…, 6, 6) of position and attitude, of velocity and rates.
 
     `receiver_noise` is the standard deviation of the best GNSS position that the vehicle file has [m], 0 for none.
     """
-    pose, twist = estimate.pose_covariance, estimate.twist_covariance
-    velocity = estimate.velocity
+    velocity = motion.velocity
     axle = unseen.rear_axle_direction**2
-    twist[_LATERAL, _LATERAL] += axle * float(velocity[0]) ** 2
-    pose[_YAW, _YAW] += axle
-    twist[_YAW_RATE, _YAW_RATE] += unseen.yaw_rate**2
-    pose[_PLACE, _PLACE] += (unseen.position_share * receiver_noise) ** 2
-    pose[_ROLL, _ROLL] += unseen.crossfall**2
+    twist[..., _LATERAL, _LATERAL] += axle * velocity[..., 0] ** 2
+    pose[..., _YAW, _YAW] += axle
+    twist[..., _YAW_RATE, _YAW_RATE] += unseen.yaw_rate**2
+    pose[..., _PLACE, _PLACE] += (unseen.position_share * receiver_noise) ** 2
+    pose[..., _ROLL, _ROLL] += unseen.crossfall**2
     if unseen.timing > 0:
-        change = unseen.timing * estimate.udot[:_TWIST_SIZE]
-        twist += np.outer(change, change)
-        on_map = turned(estimate.orientation, velocity)
-        moved = unseen.timing * np.concatenate([on_map, estimate.rates])
-        pose += np.outer(moved, moved)
+        change = unseen.timing * motion.udot[..., :_TWIST_SIZE]
+        twist += _square(change)
+        on_map = turned(motion.orientation, velocity)
+        pose += _square(unseen.timing * np.concatenate([on_map, motion.rates], axis=-1))
+
+
+def _square(vectors: Array) -> Array:
+    """Outer products of vectors (…, n) with themselves, (…, n, n)."""
+    return vectors[..., :, None] * vectors[..., None, :]
 
 
 def turned(orientation: Array, vector: Array) -> Array:
-    """A vector (3,) turned by a quaternion x, y, z, w (4,); SciPy takes five times as long for one."""
-    x, y, z, w = orientation.tolist()
-    a, b, c = vector.tolist()
+    """Vectors (…, 3) turned by quaternions x, y, z, w (…, 4); SciPy takes five times as long for one."""
+    x, y, z, w = orientation.T
+    a, b, c = vector.T
     u, v, r = 2.0 * (y * c - z * b), 2.0 * (z * a - x * c), 2.0 * (x * b - y * a)
-    return np.array([a + w * u + y * r - z * v, b + w * v + z * u - x * r, c + w * r + x * v - y * u])
+    return np.array([a + w * u + y * r - z * v, b + w * v + z * u - x * r, c + w * r + x * v - y * u]).T
 
 
 def receiver_noise(sensors: Iterable[SensorBase]) -> float:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from typing import Any
 
@@ -11,12 +11,14 @@ import numpy as np
 
 from vsense_ros.errors import InputError
 from vsense_ros.messages.diagnostic import Diagnostic, Level
-from vsense_ros.messages.recording import Channel, Recording
+from vsense_ros.messages.recording import Channel, Recording, Sample
 from vsense_ros.model.vehicle import Vehicle
 from vsense_ros.observer.estimate import BALANCE
 from vsense_ros.runner.adapter import Adapter, MakeFilter
 from vsense_ros.runner.catalogue import every_filter
 from vsense_ros.runner.runner import Runner
+
+BLOCK = 256  # states that are made into columns at once: some ten megabytes
 
 
 @dataclass(frozen=True)
@@ -51,7 +53,7 @@ def run(
     present = topics_in(recording, runner.topics)
     total = sum(len(recording[t]) for t in present)
     interval = int(0.999e9 / rate)
-    snapshots: list[Any] = []
+    collected = Collected(runner.adapter)
     times: list[float] = []
     last = 0
     began = time.perf_counter()
@@ -62,22 +64,22 @@ def run(
         if runner.started and runner.stamp >= last + interval:
             last, newest = runner.stamp, runner.snapshot()
             if runner.started:
-                snapshots.append(newest)
+                collected.add(newest)
         if progress is not None and i % 500 == 0:
             progress(i / total)
     elapsed = time.perf_counter() - began
-    if not snapshots:
+    if not collected.count:
         raise never_started(recording, runner)
     if progress is not None:
         progress(1.0)
     return Run(
-        output=as_recording(runner.adapter, snapshots, recording),
+        output=collected.recording(recording),
         step_us_median=float(np.median(times) * 1e6),
         realtime_factor=recording.duration / elapsed,
         messages_lost=recording.messages_lost,
         diagnostics=runner.diagnostics(),
         parameters=runner.parameters(),
-        failure=_failure(runner, recording, snapshots[0].stamp),
+        failure=_failure(runner, recording, collected.first_stamp),
     )
 
 
@@ -114,19 +116,61 @@ def topics_in(recording: Recording, topics: Iterable[str]) -> tuple[str, ...]:
     return present
 
 
-def as_recording(adapter: Adapter, snapshots: Sequence[Any], recording: Recording) -> Recording:
-    """States of a filter as the output channels of a recording; arrival times are the times they are valid for."""
-    stamps = np.array([one.stamp for one in snapshots], dtype=np.int64)
-    channels = {
-        s.topic: Channel(s.topic, s.kind, stamps, stamps, s.values, s.frame_id, s.names, s.child_frame_id)
-        for s in adapter.columns(snapshots)
-    }
-    if BALANCE in channels:
-        balance = channels[BALANCE]
-        compared = np.hstack([balance.columns["force"], balance.columns["torque"]])
-        known = np.asarray(np.isfinite(compared).any(axis=1), dtype=bool)
-        if not known.any():
-            del channels[BALANCE]
-        elif not known.all():
-            channels[BALANCE] = balance.select(known)
-    return Recording(channels, name=recording.name, metadata=dict(recording.metadata))
+class Collected:
+    """States of a filter that become output channels, in blocks: an array operation on many costs little more than on
+    one, and what a state holds beyond its outputs need not be kept. Arrival times are the times they are valid for."""
+
+    def __init__(self, adapter: Adapter) -> None:
+        self._adapter = adapter
+        self._block: list[Any] = []
+        self._parts: list[list[Sample]] = []
+        self._stamps: list[int] = []
+
+    def add(self, snapshot: Any) -> None:
+        """Take the newest state."""
+        self._stamps.append(snapshot.stamp)
+        self._block.append(snapshot)
+        if len(self._block) == BLOCK:
+            self._end_block()
+
+    @property
+    def count(self) -> int:
+        """How many states were taken."""
+        return len(self._stamps)
+
+    @property
+    def first_stamp(self) -> int:
+        """Time of the first state [ns]."""
+        return self._stamps[0]
+
+    def recording(self, recording: Recording) -> Recording:
+        """The output channels, with name and metadata of the recording that they are made from."""
+        if self._block:
+            self._end_block()
+        stamps = np.array(self._stamps, dtype=np.int64)
+        channels = {}
+        for parts in zip(*self._parts, strict=True):
+            s = parts[0]
+            values = {field: np.concatenate([part.values[field] for part in parts]) for field in s.values}
+            channels[s.topic] = Channel(s.topic, s.kind, stamps, stamps, values, s.frame_id, s.names, s.child_frame_id)
+        if BALANCE in channels:
+            balance = channels[BALANCE]
+            compared = np.hstack([balance.columns["force"], balance.columns["torque"]])
+            known = np.asarray(np.isfinite(compared).any(axis=1), dtype=bool)
+            if not known.any():
+                del channels[BALANCE]
+            elif not known.all():
+                channels[BALANCE] = balance.select(known)
+        return Recording(channels, name=recording.name, metadata=dict(recording.metadata))
+
+    def _end_block(self) -> None:
+        self._parts.append(self._adapter.columns(self._block))
+        self._block = []
+
+
+def as_recording(adapter: Adapter, snapshots: Iterable[Any], recording: Recording) -> Recording:
+    """States of a filter as the output channels of a recording."""
+    collected = Collected(adapter)
+    for snapshot in snapshots:
+        collected.add(snapshot)
+    return collected.recording(recording)

@@ -1,0 +1,66 @@
+"""Many estimates at once have what each has alone."""
+
+from __future__ import annotations
+
+import sys
+from typing import Any
+
+import numpy as np
+import pytest
+
+from drives import messages
+from vsense_ros.messages.recording import Recording
+from vsense_ros.observer.estimate import Estimate, estimate_samples, stacked
+from vsense_ros.runner import Runner
+from vsense_ros.runner.run import Collected
+
+DERIVED = ("pose_covariance", "twist_covariance", "acceleration_covariance", "wheel_variance", "wheels", "side_slip")
+
+
+@pytest.fixture(scope="module")
+def driven(vehicle: Any, lane_change: Any) -> tuple[Runner, list[Estimate]]:
+    """A filter and some of its estimates, at different speeds and angles."""
+    runner, found = Runner(vehicle), []
+    for i, sample in enumerate(messages(lane_change, 3.0)):
+        runner.add(sample)
+        if runner.started and i % 40 == 0:
+            found.append(runner.snapshot())
+    assert len(found) > 10
+    return runner, found
+
+
+@pytest.mark.parametrize("name", DERIVED)
+def test_what_follows_from_many_states_at_once_is_what_follows_from_each(
+    driven: tuple[Runner, list[Estimate]], name: str
+) -> None:
+    together, alone = getattr(stacked(driven[1]), name), np.array([getattr(e, name) for e in driven[1]])
+    np.testing.assert_array_equal(together, alone)
+    assert not np.array_equal(alone[0], alone[-1])
+
+
+def test_an_estimate_stays_what_it_was_when_the_filter_goes_on(vehicle: Any, lane_change: Any) -> None:
+    runner, drive = Runner(vehicle), iter(messages(lane_change, 3.0))
+    while not runner.started:
+        runner.add(next(drive))
+    early, late = runner.snapshot(), runner.snapshot()
+    before = {name: np.array(getattr(early, name)) for name in DERIVED}
+    for sample in drive:
+        runner.add(sample)
+    runner.snapshot()
+    for name, value in before.items():
+        np.testing.assert_array_equal(getattr(late, name), value)
+
+
+def test_columns_that_are_made_in_blocks_are_the_messages_of_each_state(
+    driven: tuple[Runner, list[Estimate]], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(sys.modules[Collected.__module__], "BLOCK", 4)
+    runner, estimates = driven
+    collected = Collected(runner.adapter)
+    for one in estimates:
+        collected.add(one)
+    output = collected.recording(Recording({}))
+    for row in (0, 3, 4, len(estimates) - 1):
+        for sample in estimate_samples(estimates[row]):
+            for field, value in sample.values.items():
+                np.testing.assert_array_equal(output[sample.topic].columns[field][row], np.ravel(value), sample.topic)
