@@ -8,6 +8,7 @@ import stat
 import tempfile
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
+from functools import cache
 from pathlib import Path
 
 
@@ -48,6 +49,15 @@ def kept(name: str, content: Sequence[str], make: Callable[[Path], Path]) -> Pat
                 made.chmod(0o700)
                 os.replace(made, target)
     return target
+
+
+@cache
+def digest_of(folder: Path) -> str:
+    """SHA-256 of all code in a folder: of its Python and C, by path and content."""
+    found = hashlib.sha256()
+    for path in sorted(p for p in folder.rglob("*.*") if p.suffix in (".py", ".c", ".h")):
+        found.update(f"{path.relative_to(folder)}\n".encode() + path.read_bytes())
+    return found.hexdigest()
 
 
 def unsafe(path: Path) -> str:

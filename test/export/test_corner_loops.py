@@ -37,7 +37,7 @@ def a_car_like_function(order: tuple[int, ...]) -> tuple[ca.Function, Corners]:
     def alike(argument: str, element: int) -> tuple[Hashable, int | None]:
         return argument, element if argument == "x" else None
 
-    return function, Corners(alike, "", {"side": (1.0, -1.0, 0.5, -2.0)})
+    return function, Corners(alike, {"side": (1.0, -1.0, 0.5, -2.0)})
 
 
 def compiled(source: str, folder: Path) -> ctypes.CDLL:

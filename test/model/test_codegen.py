@@ -6,7 +6,6 @@ import logging
 import stat
 import subprocess
 import sys
-from dataclasses import replace
 from pathlib import Path
 
 import casadi as ca
@@ -17,6 +16,10 @@ from numpy.testing import assert_allclose
 from vsense_ros import codegen
 from vsense_ros.cache import kept, unsafe
 from vsense_ros.codegen import compile as _compile
+from vsense_ros.files.installed import vehicle_path
+from vsense_ros.files.vehicle import load_vehicle
+from vsense_ros.model.car import steps
+from vsense_ros.model.car.car import Car
 
 PROGRAM = """
 import logging, sys
@@ -71,21 +74,38 @@ def test_a_function_is_compiled_once_and_found_again(cache, monkeypatch):
 
 @pytest.mark.usefixtures("compiler", "cache")
 def test_source_is_written_only_for_what_the_cache_does_not_have(monkeypatch):
-    corners = codegen.Corners(lambda name, element: ((name, element), None), "no corner is like another")
     written = []
 
     def source() -> str:
         written.append(1)
-        return codegen.native_source([probe()], corners)
+        return codegen.native_source([probe()])
 
     for _ in range(2):
-        (made,) = codegen.loaded("probe", source, [probe()], corners) or []
+        (made,) = codegen.loaded("probe", source, ["probe"], "one") or []
         assert_allclose(value(made), value(probe()), rtol=1e-14)
     assert len(written) == 1
+    codegen.loaded("probe", source, ["probe"], "other")
     monkeypatch.setattr(_compile, "_generator", lambda: "a later version, which writes otherwise")
-    codegen.loaded("probe", source, [probe()], corners)
-    codegen.loaded("probe", source, [probe()], replace(corners, identity="others"))
+    codegen.loaded("probe", source, ["probe"], "one")
     assert len(written) == 3
+
+
+@pytest.mark.usefixtures("compiler", "cache")
+def test_a_car_that_was_compiled_once_is_there_without_its_equations(monkeypatch):
+    vehicle = load_vehicle(vehicle_path("genesis"))
+    first = steps.model_functions.__wrapped__(Car(vehicle))
+    monkeypatch.setattr(steps, "functions_of", lambda car: pytest.fail("functions are made"))
+    second = steps.model_functions.__wrapped__(Car(vehicle))
+    assert [*first] == [*second]
+
+
+def test_cars_with_other_equations_have_other_identities(monkeypatch):
+    plain, tables = (load_vehicle(vehicle_path(name)) for name in ("genesis", "prototype_model"))
+    heavy = plain.with_parameters({"chassis.mass": 3000.0})
+    assert Car(plain).identity == Car(heavy).identity != Car(tables).identity
+    before = Car(plain).identity
+    monkeypatch.setattr("vsense_ros.model.car.car.digest_of", lambda folder: "other code")
+    assert Car(plain).identity != before
 
 
 @pytest.mark.usefixtures("compiler")

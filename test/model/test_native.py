@@ -21,8 +21,7 @@ A, B, C = (ca.MX.sym(name, rows, columns) for name, rows, columns in (("a", 6, 6
 
 def built(function: ca.Function, corners: codegen.Corners | None = None) -> ca.Function:
     text = codegen.native_source([function], corners)
-    each_text = codegen.Corners(row_is_corner, text)  # is a library of its own, whatever it was made with
-    made = codegen.loaded("native", lambda: text, [function], each_text)
+    made = codegen.loaded("native", lambda: text, [function.name()], text)  # each text is a library of its own
     assert made is not None
     return made[0]
 
@@ -31,7 +30,7 @@ def row_is_corner(argument: str, element: int) -> tuple[str, int | None]:
     return (argument, element) if argument == "known" else (argument, element % 4)
 
 
-ROWS = codegen.Corners(row_is_corner, "rows", {"known": [1.0, -1.0, 1.0, 0.0]})
+ROWS = codegen.Corners(row_is_corner, {"known": [1.0, -1.0, 1.0, 0.0]})
 
 
 def of_corners(same: bool) -> ca.Function:
@@ -58,7 +57,7 @@ def test_every_operation_gives_the_same_at_each_of_four_corners():
     argument = ca.SX.sym("x", 16)
     rows = [single(argument[i::4]) for i in range(4)]
     function = ca.Function("every", [argument], [ca.horzcat(*rows)], ["x"], ["r"])
-    made = built(function, codegen.Corners(lambda _, element: (element // 4, element % 4), "columns"))
+    made = built(function, codegen.Corners(lambda _, element: (element // 4, element % 4)))
     for values in np.random.default_rng(1).uniform(-3, 3, (50, 4, 4)):
         expected = np.hstack([np.array(single(column)) for column in values.T])
         assert_allclose(np.array(made(values.ravel())), expected, rtol=1e-12, atol=1e-13)
@@ -93,7 +92,7 @@ def test_corners_that_need_each_other_in_turn_are_computed_in_turn():
     for i in range(1, 4):
         values.append(ca.sin(x[i]) + values[-1])
     function = ca.Function("chain", [x], [ca.vertcat(*values)], ["x"], ["r"])
-    made = built(function, codegen.Corners(row_is_corner, "rows"))
+    made = built(function, codegen.Corners(row_is_corner))
     assert_allclose(np.array(made([0.1, 0.2, 0.3, 0.4])), np.array(function([0.1, 0.2, 0.3, 0.4])), rtol=1e-15)
 
 

@@ -14,7 +14,6 @@ import platform
 import shutil
 import subprocess
 from collections.abc import Callable, Sequence
-from functools import cache
 from hashlib import sha256
 from pathlib import Path
 from typing import TypeVar
@@ -24,7 +23,7 @@ import casadi as ca
 import numpy as np
 from numpy.typing import NDArray
 
-from vsense_ros.cache import kept
+from vsense_ros.cache import digest_of, kept
 from vsense_ros.codegen import native
 
 # Below -O2 GCC leaves the upper halves of vector registers dirty, after which the functions of libm run at a quarter of
@@ -54,7 +53,8 @@ def library(
     """C source compiled into a shared library in the cache, with more `flags`, or None where that is impossible.
 
     Where writing the source takes long, `source` is the function that writes it: it is called only if the cache has
-    nothing with this `identity`, which must differ wherever sources do (`identity_of`).
+    nothing that this version of the project has written with this `identity`, which must differ wherever what is
+    written does.
     """
     cc = compiler()
     if cc is None or cc in _broken:
@@ -68,12 +68,17 @@ def library(
         return folder / "library.so"
 
     try:
-        content = source if isinstance(source, str) else identity
-        return kept(name, (cc, *FLAGS, *flags, _processor(), content), make)
+        content = (source,) if isinstance(source, str) else (identity, ca.CasadiMeta.version(), _generator())
+        return kept(name, (cc, *FLAGS, *flags, _processor(), *content), make)
     except (OSError, subprocess.SubprocessError) as error:
         _broken.add(cc)
         log.warning("compiling %s failed, continuing without compiled code: %s%s", name, error, _said(error))
         return None
+
+
+def _generator() -> str:
+    """What has the form of the C that is written: the code of this package."""
+    return digest_of(Path(__file__).parent)
 
 
 def _said(error: Exception) -> str:
@@ -109,22 +114,15 @@ def compiled(name: str, functions: Sequence[ca.Function]) -> list[ca.Function]:
             (ours.append if native.can_write(function) else others.add)(function)
         return native.source(ours) + (others.dump() if len(ours) < len(functions) else "")
 
-    return loaded(name, source, functions) or list(functions)
+    names = [function.name() for function in functions]
+    return loaded(name, source, names, identity_of(functions)) or list(functions)
 
 
-def identity_of(functions: Sequence[ca.Function], corners: native.Corners | None = None) -> str:
-    """A text that differs wherever functions do, or the code that writes them as C: expressions are compared as CasADi
-    serialises them, which takes a hundredth of the time of writing them."""
-    parts = [ca.CasadiMeta.version(), _generator(), "" if corners is None else corners.identity]
-    parts += [f"{function.name()} {function.serialize()}" for function in functions]
+def identity_of(functions: Sequence[ca.Function]) -> str:
+    """A text that differs wherever functions do: expressions are compared as CasADi serialises them, which takes a
+    hundredth of the time of writing them as C."""
+    parts = [f"{function.name()} {function.serialize()}" for function in functions]
     return sha256("\n".join(parts).encode()).hexdigest()
-
-
-@cache
-def _generator() -> str:
-    """Digest of all files of this package."""
-    files = sorted(Path(__file__).parent.glob("*.[pc]*"))
-    return sha256(b"".join(file.read_bytes() for file in files if file.is_file())).hexdigest()
 
 
 def vector_math() -> tuple[str, ...]:
@@ -133,16 +131,14 @@ def vector_math() -> tuple[str, ...]:
     return ("-DVECTOR_MATH", "-lmvec") if present else ()
 
 
-def loaded(
-    name: str, source: Callable[[], str], functions: Sequence[ca.Function], corners: native.Corners | None = None
-) -> list[ca.Function] | None:
-    """These functions as the C that `source` writes, in a library that is made if the cache does not have it; None
-    where that is impossible."""
-    built = library(name, source, vector_math(), identity=identity_of(functions, corners))
+def loaded(name: str, source: Callable[[], str], names: Sequence[str], identity: str) -> list[ca.Function] | None:
+    """Functions with these names, which `source` writes as C if the cache has none with this `identity`; None where
+    that is impossible."""
+    built = library(name, source, vector_math(), identity=identity)
     if built is None:
         return None
     try:
-        made = [ca.external(function.name(), str(built)) for function in functions]
+        made = [ca.external(function, str(built)) for function in names]
     except RuntimeError as error:  # a cache on a file system from which nothing may be executed, or a damaged file
         log.warning("%s cannot be loaded, continuing without compiled code: %s", built, str(error).splitlines()[-1])
         return None

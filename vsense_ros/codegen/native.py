@@ -26,10 +26,9 @@ PART = 1000  # statements in one C function: compilers take more than twice the 
 @dataclass(frozen=True)
 class Corners:
     """How a function's arguments belong to corners (see `Alike`), and arguments that are `known`, by name: they make
-    corners alike whose numbers differ. `identity` differs wherever any of it does."""
+    corners alike whose numbers differ."""
 
     alike: Alike
-    identity: str
     known: Mapping[str, Sequence[float]] = field(default_factory=dict)
 
     def known_of(self, function: ca.Function) -> dict[int, Sequence[float]]:

@@ -14,13 +14,17 @@ has the roll centre that the file gives.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import sys
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from functools import cached_property
+from pathlib import Path
 from typing import NamedTuple
 
 import casadi as ca
+from pydantic import BaseModel
 
+from vsense_ros.cache import digest_of
 from vsense_ros.model import spatial
 from vsense_ros.model.car.bodies import tree_of, wheel_inertia
 from vsense_ros.model.car.forces import air_drag, suspension_resistance, wheel_force
@@ -85,6 +89,25 @@ class Car:
         self._effects = PresentEffects(self.parameters.effects.present())
         self.internal_state = self._effects.internal_state
         self.internal_state_slices = self._effects.slices
+
+    @cached_property
+    def identity(self) -> str:
+        """A text that differs wherever the equations of two cars do, also of different versions of the project; empty
+        where they are made by a class that has no file."""
+        own, others = Path(__file__).parents[1], set[Path]()
+        settings = ["" if self._tables is None else self._tables.model_dump_json()]
+        for part in _parts(self._vehicle.physics):
+            file = getattr(sys.modules.get(type(part).__module__), "__file__", None)
+            if file is None:
+                return ""
+            if own not in Path(file).parents:
+                others.add(Path(file))
+            for name in type(part).model_fields:
+                value = getattr(part, name)
+                # Of numbers the names count, not the values, which stay symbols.
+                settings.append(name if isinstance(value, float | BaseModel) else f"{name}={value!r}")
+        code = [digest_of(own), *(path.read_text(encoding="utf-8") for path in sorted(others))]
+        return "\n".join((*code, *settings))
 
     @cached_property
     def corners_alike(self) -> Car:
@@ -291,6 +314,15 @@ def _by_corner(travel: ca.SX, spin: ca.SX) -> ca.SX:
 def _by_coordinate(root: ca.SX, joints: ca.SX) -> ca.SX:
     """In the order of the velocities, from a spatial vector of the chassis and the joints in the order of the tree."""
     return ca.vertcat(root[spatial.LINEAR], root[spatial.ANGULAR], joints[0::2], joints[1::2])
+
+
+def _parts(model: BaseModel) -> Iterator[BaseModel]:
+    """A model and all models in it."""
+    yield model
+    for name in type(model).model_fields:
+        value = getattr(model, name)
+        if isinstance(value, BaseModel):
+            yield from _parts(value)
 
 
 _CARS: dict[tuple[object, ...], Car] = {}

@@ -9,10 +9,8 @@ against wheel slip (`stiffening.py`): a change of rank four, made within the ste
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Hashable
+from collections.abc import Callable, Hashable, Sequence
 from functools import cache
-from hashlib import sha256
-from pathlib import Path
 
 import casadi as ca
 import numpy as np
@@ -290,13 +288,19 @@ def sensor_function(car: Car, sensor: SensorBase) -> ca.Function:
 @cache
 def model_functions(car: Car) -> dict[str, ca.Function]:
     """All functions of a car by name, compiled where possible."""
-    functions = None if codegen.compiler() is None else _compiled("car", car, functions_of)
+    functions = None if codegen.compiler() is None else _compiled("car", car, functions_of, _names_of(car))
     return {f.name(): f for f in functions or _for_virtual_machine(car)}
 
 
 def _for_virtual_machine(car: Car) -> list[ca.Function]:
     """The functions as CasADi runs them quickest: of a step in straight code, of the linearisation as matrices."""
     return [codegen.expanded(f) if f.name() == "advance" else f for f in functions_of(car)]
+
+
+def _names_of(car: Car) -> tuple[str, ...]:
+    """Names of `functions_of`."""
+    names = ("dynamics", "linearize", "advance", "kinematics", "force")
+    return (*names, "internal_state") if car.internal_state.numel() else names
 
 
 def functions_of(car: Car) -> list[ca.Function]:
@@ -311,18 +315,22 @@ def functions_of(car: Car) -> list[ca.Function]:
     return [*functions, internal_state_function(car)] if car.internal_state.numel() else functions
 
 
-def _compiled(name: str, car: Car, make: Callable[[Car], list[ca.Function]]) -> list[ca.Function] | None:
-    """The functions compiled, with what the corners have in common done for all four at once."""
-    alike = car.corners_alike
-    functions, corners = make(alike), corners_of(alike)
-    return codegen.loaded(name, lambda: codegen.native_source(functions, corners), functions, corners)
+def _compiled(
+    name: str, car: Car, make: Callable[[Car], list[ca.Function]], names: Sequence[str]
+) -> list[ca.Function] | None:
+    """The functions with these names that `make` makes, compiled, with what the corners have in common done for all
+    four at once. Their expressions are made only if the cache does not have them for a car with this identity."""
+
+    def source() -> str:
+        alike = car.corners_alike
+        return codegen.native_source(make(alike), corners_of(alike))
+
+    return codegen.loaded(name, source, names, car.identity or codegen.identity_of(make(car)))
 
 
 def corners_of(car: Car) -> codegen.Corners:
     """How arguments of the functions of a car with `corners_alike` belong to its corners."""
-    here = sha256(Path(__file__).read_bytes()).hexdigest()  # which says what is alike
-    identity = repr((here, car.parameter_names, car.internal_state_slices, [float(number) for number in car.placed]))
-    return codegen.Corners(_alike(car), identity, {"placement": car.placed})
+    return codegen.Corners(_alike(car), {"placement": car.placed})
 
 
 def _alike(car: Car) -> codegen.Alike:
@@ -359,7 +367,8 @@ def _alike(car: Car) -> codegen.Alike:
 @cache
 def compiled_wheel_forces(car: Car) -> ca.Function:
     """`wheel_force_function`, compiled where possible."""
-    functions = None if codegen.compiler() is None else _compiled("wheel_forces", car, _wheel_functions)
+    names = ("wheel_forces",)
+    functions = None if codegen.compiler() is None else _compiled("wheel_forces", car, _wheel_functions, names)
     return functions[0] if functions else wheel_force_function(car)
 
 
