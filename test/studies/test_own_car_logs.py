@@ -11,6 +11,9 @@ from studies.own_car_logs import FORMATS
 from vsense_ros.api.can import survey_can
 from vsense_ros.api.recording import read
 from vsense_ros.bag.importers.guess import guess
+from vsense_ros.files.installed import vehicle_path
+from vsense_ros.files.vehicle import load_vehicle
+from vsense_ros.identification.recorded import signals
 from vsense_ros.messages.recording import Recording
 
 BAG = Path(__file__).parents[2] / "bags" / "hills"
@@ -77,3 +80,12 @@ def test_wheel_speeds_of_a_foreign_log_agree_up_to_the_rolling_radius(
     ratio = np.nanmean(spin, axis=0) / expected.mean(axis=0)
     assert ratio == pytest.approx(ratio[0], rel=0.01)
     assert 0.9 < ratio[0] < 1.1
+
+
+def test_rates_and_accelerations_in_two_frames_of_one_time_identify_a_car(drive: Recording, tmp_path: Path) -> None:
+    """The American log has the yaw rate in one frame and the accelerations in another, with the same time."""
+    found = signals(imported(drive, "American CAN", tmp_path), load_vehicle(vehicle_path("prototype_model")))
+    expected = signals(drive, load_vehicle(vehicle_path("prototype_model")))
+    assert np.isfinite(found.rates[:, 2]).all()
+    assert np.isfinite(found.forces[:, :2]).all()
+    assert found.rates[:, 2].std() == pytest.approx(expected.rates[:, 2].std(), rel=0.02)

@@ -111,9 +111,19 @@ def _read(recording: Recording, sensor: SensorBase, on_map: Map) -> tuple[Array,
     if len(events) < 2:
         return None
     stamps = np.array([event.stamp for event in events], dtype=np.int64)
-    stamps, rows = np.unique(stamps, return_index=True)
-    value = sensor.in_axes_of_car(np.array([events[i].value for i in rows]))
-    return np.asarray((stamps - recording.first_stamp) * 1e-9, dtype=np.float64), value
+    stamps, measured = _joined(stamps, np.array([event.value for event in events]))
+    return np.asarray((stamps - recording.first_stamp) * 1e-9, dtype=np.float64), sensor.in_axes_of_car(measured)
+
+
+def _joined(stamps: NDArray[np.int64], value: Array) -> tuple[NDArray[np.int64], Array]:
+    """Stamps in order, each once, and measurements (N, m): of messages with one stamp the first number that is there,
+    as rates and accelerations may come in two frames."""
+    once, place = np.unique(stamps, return_inverse=True)
+    found = np.full((len(once), value.shape[1]), np.nan)
+    for column in range(value.shape[1]):
+        there = np.flatnonzero(np.isfinite(value[:, column]))[::-1]
+        found[place[there], column] = value[there, column]
+    return once, found
 
 
 def _pick(read: Mapping[str, object], sensors: Mapping[str, SensorBase], what: str, name: str, words: str) -> str:
