@@ -53,6 +53,7 @@ house: venv ## the measures of the code base beside their goals, to out/house.js
 docs: venv ## the pages of docs/ that are made from code, then the documentation as a site in out/site
 	@$(VENV)/bin/python tools/docs.py
 	@$(VENV)/bin/python tools/test_times.py --page
+	@$(VENV)/bin/python tools/notebooks.py
 	@$(VENV)/bin/pip install --quiet --disable-pip-version-check -r requirements/docs.txt
 	@NO_MKDOCS_2_WARNING=1 $(VENV)/bin/mkdocs build --quiet
 	@echo "The documentation stands in out/site/index.html."

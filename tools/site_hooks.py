@@ -37,6 +37,7 @@ BROUGHT = {
     "README.md": "index.md",
 }
 SOURCES = {page: source for source, page in BROUGHT.items() if source != "README.md"}
+NOTEBOOKS = ROOT / "out" / "notebooks"  # executed by tools/notebooks.py; without them the site has the sources
 MADE = {"reference/commands.md": commands_page.page}
 WIDE = ("nodes.md", "vehicle_parameters.md", "project/benchmarks.md")  # tables that need the whole width
 LINK = re.compile(r"(!?)\[((?:[^\]\[]|\[[^\]]*\])*)\]\(([^)\s]+)\)")
@@ -54,12 +55,16 @@ def on_files(files: Files, config: MkDocsConfig) -> Files:
                 files.append(File.generated(config, name, content=picture.read_bytes()))
     for page, make in MADE.items():
         files.append(File.generated(config, page, content=make()))
+    for picture in sorted(NOTEBOOKS.glob("*.svg")):
+        files.append(File.generated(config, f"notebooks/{picture.name}", content=picture.read_bytes()))
     return files
 
 
 def on_page_markdown(markdown: str, page: Page, config: MkDocsConfig, files: Files) -> str:
     """The page with its links to files of the repository replaced by links of the site."""
     own = page.file.src_uri
+    if own.startswith("notebooks/") and (made := NOTEBOOKS / Path(own).name).exists():
+        markdown = made.read_text(encoding="utf-8")
     if own in WIDE:
         page.meta["hide"] = ["toc"]
     folder = (ROOT / SOURCES[own]).parent if own in SOURCES else (ROOT / "docs" / own).parent
@@ -78,6 +83,8 @@ def _link(match: re.Match[str], folder: Path, own: str) -> str:
         return match[0]
     name, hash_sign, anchor = target.partition("#")
     path = Path(os.path.normpath(folder / name))
+    if path.parent == ROOT / "docs/notebooks" and (NOTEBOOKS / path.name).exists():
+        return match[0]  # the picture of a block
     if not path.exists() and _site_page(path) not in MADE:
         LOG.warning("%s links to %s, which does not exist", own, target)
         return match[0]

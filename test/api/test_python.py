@@ -207,3 +207,21 @@ def test_a_vehicle_and_a_filter_that_do_not_exist_are_named_with_those_that_do()
         vs.estimate(BAG, CAR, filter="eror_ekf")
     with pytest.raises(vs.InputError, match="for a GNSS/INS filter"):
         vs.estimate(BAG, CAR, smooth=True)
+
+
+def test_a_vehicle_is_made_from_catalogue_values_checked_and_written(tmp_path):
+    new = vs.new_vehicle(1395, 2.63, 1.54, "205/55R16 91V", axle_load_front=820, name="Golf")
+    assert vs.check(new.vehicle).is_good
+    new.write(tmp_path / "golf.yaml")
+    assert vs.load_vehicle(tmp_path / "golf.yaml") == new.vehicle
+    assert vs.check(tmp_path / "golf.yaml").vehicle == new.vehicle
+    with pytest.raises(vs.InputError, match="--tyre"):
+        vs.new_vehicle(1395, 2.63, 1.54, None)
+
+
+def test_a_calibrated_vehicle_has_what_the_drive_determines():
+    found = vs.calibrate([ROOT / "bags" / "hills"], CAR)
+    changed = {one.name for one in found.quantities if one.determined}
+    assert any(name.startswith("rolling radius") for name in changed)
+    assert found.before == vs.load_vehicle(CAR)
+    assert found.vehicle != found.before

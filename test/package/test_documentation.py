@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import os
 import re
 import subprocess
@@ -117,7 +118,7 @@ def run_blocks(page: Path, folder: Path) -> None:
     commands = "".join(BLOCK.findall(page.read_text(encoding="utf-8")))
     assert commands
     done = subprocess.run(
-        ["bash", "-euc", commands], cwd=folder, env=environment, capture_output=True, text=True, timeout=1200
+        ["bash", "-euc", commands], cwd=folder, env=environment, capture_output=True, text=True, timeout=2000
     )
     assert done.returncode == 0, done.stderr[-2000:]
 
@@ -159,6 +160,17 @@ def test_the_first_python_of_a_page_runs(page: Path, tmp_path: Path) -> None:
     assert done.returncode == 0, done.stderr[-2000:]
     assert (tmp_path / "lap.png").exists()
     assert list(tmp_path.glob("lap*.csv"))
+
+
+@pytest.mark.exam
+@pytest.mark.timeout(2400)
+def test_the_commands_of_the_tutorial_about_your_car_run(tmp_path: Path) -> None:
+    run_blocks(TUTORIALS / "your_car.md", tmp_path)
+    errors = {}
+    for name in ("by_catalogue", "identified_run"):
+        summary = json.loads((tmp_path / "out" / name / "summary.json").read_text(encoding="utf-8"))
+        errors[name] = summary["drive_3"]["signals"]["side_slip"]["rmse"]
+    assert errors["identified_run"] < errors["by_catalogue"]
 
 
 @pytest.mark.exam

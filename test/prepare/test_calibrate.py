@@ -4,15 +4,17 @@ from __future__ import annotations
 
 import json
 from functools import cache
+from pathlib import Path
 
 import numpy as np
 import pytest
 from click.testing import CliRunner
 
-from vsense_ros.bag import write_bag
+from vsense_ros.bag import read_bag, write_bag
 from vsense_ros.cli import main
 from vsense_ros.errors import InputError
 from vsense_ros.estimation.regression import posterior
+from vsense_ros.files.installed import vehicle_path
 from vsense_ros.files.vehicle import load_vehicle
 from vsense_ros.manoeuvre import generate
 from vsense_ros.messages.recording import Recording
@@ -22,6 +24,7 @@ from vsense_ros.prepare.calibration import Calibration, calibrate
 from vsense_ros.prepare.catalogue import catalogue_values
 from vsense_ros.prepare.new_vehicle import new_vehicle, write_new_vehicle
 
+BAGS = Path(__file__).parents[2] / "bags"
 CATALOGUE = {"mass": 1395.0, "wheelbase": 2.63, "track": 1.54, "axle_load_front": 820.0, "tyre": "205/55R16 91V"}
 # What the car really has; the catalogue and the rules do not say it.
 HIDDEN = {"steering.ratio": 14.0, "front.unloaded_radius": 0.3195, "rear.unloaded_radius": 0.3195,
@@ -151,3 +154,41 @@ def test_without_data_a_coefficient_stays_what_it_was():
     found = posterior([(np.array([[1.0, 0.0]] * 30), np.full(30, 2.0))], np.array([0.0, 7.0]), np.array([1e3, 0.5]))
     assert found.values[1] == pytest.approx(7.0)
     assert found.left[1] == pytest.approx(1.0)
+
+
+def _without(recording: Recording, *topics: str) -> Recording:
+    return Recording({t: c for t, c in recording.channels.items() if t not in topics}, name=recording.name)
+
+
+@pytest.mark.parametrize(
+    ("topic", "words"),
+    [("vehicle/steering", "No steering angle"), ("vehicle/wheel_speeds", "No speeds of four wheels")],
+)
+def test_a_drive_without_a_sensor_calibrates_the_others_and_says_what_is_missing(topic, words):
+    found = calibrate([_without(read_bag(BAGS / "hills"), topic)], load_vehicle(vehicle_path("prototype_model")))
+    assert len(found.missing) == 1
+    assert found.missing[0].startswith(words)
+    assert "hills" in found.missing[0]
+    assert any(one.determined for one in found.quantities)
+
+
+@pytest.mark.parametrize("topic", ["imu/data", "gps/velocity"])
+def test_a_drive_without_what_everything_is_compared_with_is_refused_with_its_topic(topic):
+    with pytest.raises(InputError, match=topic):
+        calibrate([_without(read_bag(BAGS / "hills"), topic)], load_vehicle(vehicle_path("prototype_model")))
+
+
+def test_an_empty_recording_and_half_a_minute_too_few_are_refused(tmp_path):
+    car = load_vehicle(vehicle_path("prototype_model"))
+    with pytest.raises(InputError, match="no GNSS velocity"):
+        calibrate([Recording({}, name="nothing")], car)
+    with pytest.raises(InputError, match="expected at least 20 s"):
+        calibrate([read_bag(BAGS / "step_steer")], car)
+
+
+def test_what_is_no_recording_is_refused_by_the_command_in_one_sentence(tmp_path):
+    (tmp_path / "drive.bin").write_bytes(bytes(100))
+    result = CliRunner().invoke(main, ["calibrate", str(tmp_path / "drive.bin"), "--vehicle", "prototype_model"])
+    assert result.exit_code == 2
+    assert "Traceback" not in result.stderr
+    assert "no importer knows this" in result.stderr

@@ -5,6 +5,8 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 
+import numpy as np
+
 from vsense_ros.messages.recording import Recording
 from vsense_ros.model.vehicle import Vehicle
 from vsense_ros.prepare.calibrate_course import course
@@ -23,11 +25,12 @@ ESTIMATORS: tuple[Estimator, ...] = (radii, course, steering, inertial, noise_le
 
 @dataclass(frozen=True)
 class Calibration:
-    """A vehicle before and after, and every quantity that was looked at."""
+    """A vehicle before and after, every quantity that was looked at, and sentences about sensors that are missing."""
 
     before: Vehicle
     vehicle: Vehicle
     quantities: tuple[Calibrated, ...]
+    missing: tuple[str, ...] = ()
 
     @property
     def paths(self) -> tuple[str, ...]:
@@ -46,9 +49,28 @@ def calibrate(recordings: Sequence[Recording], vehicle: Vehicle) -> Calibration:
     Raises `InputError` for recordings without a GNSS velocity or a yaw rate, or such as are too short.
     """
     car, found = vehicle, []
+    missing = _missing([drive_of(recording, car) for recording in recordings])
     source = "calibrated by " + ", ".join(recording.name for recording in recordings)
     for estimator in ESTIMATORS:
         made = list(estimator([drive_of(recording, car) for recording in recordings], car))
         car = apply(car, made, source)
         found += made
-    return Calibration(vehicle, car, tuple(found))
+    return Calibration(vehicle, car, tuple(found), missing)
+
+
+def _missing(drives: Sequence[CalibrationDrive]) -> tuple[str, ...]:
+    """What cannot be calibrated because no drive has the signal, a sentence each."""
+    signals = (
+        (
+            "steering",
+            "steering angle (vehicle/steering)",
+            "steering ratio, its offset and the front cornering stiffness",
+        ),
+        ("spin", "speeds of four wheels (vehicle/wheel_speeds)", "rolling radii"),
+        ("forces", "accelerations (imu/data)", "the mounting of the inertial sensor and its offsets"),
+    )
+    return tuple(
+        f"No {words} in {', '.join(drive.name for drive in drives)}: {stays} stay as they are in the file."
+        for name, words, stays in signals
+        if not any(np.isfinite(getattr(drive, name)).any() for drive in drives)
+    )

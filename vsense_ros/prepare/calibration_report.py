@@ -18,6 +18,8 @@ def show(found: Calibration, out: Console) -> None:
         words = "" if one.determined else "not determined, stays"
         table.add_row(one.name, f"{one.before:.4g}", after, f"{one.deviation:.2g}", one.unit, words)
     out.print(table)
+    for sentence in found.missing:
+        out.print(sentence)
     for advice in found.advice:
         out.print(f"To drive next: {advice}.")
 
@@ -31,5 +33,6 @@ def as_dict(found: Calibration) -> dict[str, Any]:
              "changes": {path: change.value for path, change in one.changes.items()} if one.determined else {}}
             for one in found.quantities
         ],
+        "missing": list(found.missing),
         "drive_next": list(found.advice),
     }  # fmt: skip
