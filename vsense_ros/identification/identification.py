@@ -40,7 +40,9 @@ class IdentificationSettings:
     """Decisions of the identification of handling models."""
 
     two_cars_deviations: float = 3.0  # [-] standard deviations between two drives, beyond which they are not of one car
-    two_cars_share: float = 0.2  # [-] and the share of the value, as no model is exact
+    # [-] and the share of the value: a town and a country road of one simulated car came out 21 % apart, as forces at
+    # small radii are not those of a single track, and temperature and load change a tyre beside that
+    two_cars_share: float = 0.25
     most_passes: int = 10  # over the drives
     # [-] correlation of two signals that should go together, from which on one has the wrong sign
     reversed_correlation: float = -0.4
