@@ -9,7 +9,8 @@ import pytest
 
 from hidden import driven, having, prototype, unheard
 from vsense_ros.messages.recording import Recording
-from vsense_ros.mismatch.ages import ages, with_ages
+from vsense_ros.mismatch.ages import ages
+from vsense_ros.mismatch.beforehand import delays, with_sizes
 from vsense_ros.mismatch.explain import explain_recordings
 from vsense_ros.mismatch.windows import build_dataset
 
@@ -65,7 +66,7 @@ def test_of_two_that_contradict_each_other_nobody_is_called_late():
 def test_with_the_ages_in_the_file_nobody_is_late_any_more():
     late = later(drive(), 1.1, "imu/data")
     older = ages(build_dataset([late], prototype()), prototype())
-    car = with_ages(prototype(), older)
+    car = with_sizes(prototype(), delays(older))
     assert ages(build_dataset([late], car), car) == {}
 
 

@@ -4,25 +4,26 @@ from __future__ import annotations
 
 from synthetic_findings import effect, finding
 from vsense_ros.mismatch.answer_sentence import conditions
+from vsense_ros.mismatch.beforehand import delays
 from vsense_ros.mismatch.tables import effect_rows
 
 LEFT_OUT = "in lap 2 the longitudinal acceleration is 0.42 times the change of the speed; is its unit wrong?"
 
 
 def test_of_an_unknown_mismatch_a_late_sensor_and_a_signal_that_is_missing_are_said():
-    said = conditions(finding("unknown"), {"accelerometer": 1.12}, [LEFT_OUT])
-    assert said.startswith(" The accelerometer is 1.1 s late, which is taken into account.")
+    said = conditions(finding("unknown"), delays({"accelerometer": 1.12}), [LEFT_OUT])
+    assert "measurements that are older than their stamps say (accelerometer 1.12 s)." in said
     assert said.endswith(f" Left out of the comparison: {LEFT_OUT}.")
-    assert conditions(finding("unknown"), {"gyro": -0.4}, []).startswith(" The gyro is 0.4 s early")
 
 
 def test_where_all_signals_are_compared_nothing_is_added():
-    assert conditions(finding("named"), {}, []) == ""
+    assert conditions(finding("named"), (), []) == ""
+    assert conditions(finding("named"), delays({"accelerometer": 1.12}), []) == ""  # as the answer names it itself
 
 
 def test_a_delay_that_lags_determine_is_not_excluded_where_nothing_explains_the_rest():
     late = effect("sensor_delay", 0.0, sensor="accelerometer", accepted=True)
     rest = effect("wheel_radius", 0.1, wheel="rr", gain_left_out=0.2, gain_held_out=0.1)
     delay, radius = effect_rows(finding("unknown", effects=(late, rest)))
-    assert delay.standing == "determined before any fit, by the lags between sensors"
+    assert delay.standing == "determined before any fit, by sensors of one motion"
     assert "excluded" not in radius.standing

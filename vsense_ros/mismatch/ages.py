@@ -71,16 +71,6 @@ def ages(dataset: Dataset, vehicle: Vehicle) -> dict[str, float]:
     return {field: age for field, age in result.items() if bounds(info[field])[0] < age < bounds(info[field])[1]}
 
 
-def with_ages(vehicle: Vehicle, older: Mapping[str, float]) -> Vehicle:
-    """The vehicle whose sensors are older than their stamps say by so much more, by size of
-    the effect [s]."""
-    effects = vehicle.physics.effects
-    known = getattr(effects, DELAY.id) or DELAY()
-    late = known.model_copy(update={field: getattr(known, field) + age for field, age in older.items()})
-    physics = vehicle.physics.model_copy(update={"effects": effects.model_copy(update={DELAY.id: late})})
-    return vehicle.model_copy(update={"physics": physics})
-
-
 _Pairs = Mapping[tuple[Source, Source], float]  # by how much the first is the later one [s]
 
 

@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
-from types import MappingProxyType
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,7 +11,6 @@ from vsense_ros.identification.free_parameter import FreeParameter
 from vsense_ros.identification.least_squares import DivergedError, Fit, cost
 from vsense_ros.identification.parameter_set import ParameterSet
 from vsense_ros.mismatch import onset as onsets
-from vsense_ros.mismatch.ages import DELAY
 from vsense_ros.mismatch.answer_schema import (
     BaseParameter,
     Begin,
@@ -24,8 +21,9 @@ from vsense_ros.mismatch.answer_schema import (
     SignalErrors,
     Size,
 )
+from vsense_ros.mismatch.beforehand import Beforehand
 from vsense_ros.mismatch.candidates import Candidate
-from vsense_ros.mismatch.confidence import interval
+from vsense_ros.mismatch.confidence import NORMAL_90, interval
 from vsense_ros.mismatch.hypothesis import Hypothesis
 from vsense_ros.mismatch.located import physics_in_words
 from vsense_ros.mismatch.picture import Trace
@@ -43,71 +41,73 @@ from vsense_ros.model.sensors import compared_signals
 Array = NDArray[np.float64]
 
 
-@dataclass(frozen=True)
-class LatencySettings:
-    """How sure latencies count that correlation of signals determines: decisions of this project."""
-
-    lag_deviation: float = 0.1  # [s] by which a lag from correlation may be wrong
-    confidence: float = 0.99  # [-] confidence in a lag that all other sensors agree with
+CONFIDENCE_BEFOREHAND = 0.99  # [-] in a defect of a sensor that all others of one motion agree with, before any fit
 
 
-LATENCY = LatencySettings()
-
-
-def rivals(judged: Judged, late: Mapping[str, float]) -> tuple[tuple[str, ...], ...]:
-    """Ids of the effects of each explanation that remains; sensors that are `late` are part of each."""
-    delays = (DELAY.id,) if late else ()
-    found = [
-        (*hypothesis.effects, *(id for id in delays if id not in hypothesis.effects)) for hypothesis in judged.rivals
+def rivals(judged: Judged, known: Sequence[Beforehand]) -> tuple[tuple[str, ...], ...]:
+    """Ids of the effects of each explanation that remains; those `known` before any fit are part of each."""
+    sure = tuple(dict.fromkeys(one.effect for one in known))
+    explanations = [
+        (*hypothesis.effects, *(id for id in sure if id not in hypothesis.effects)) for hypothesis in judged.rivals
     ]
-    if not found and judged.verdict == "no_mismatch" and delays:
-        found = [delays]
-    return tuple(dict.fromkeys(found))
+    if not explanations and judged.verdict == "no_mismatch" and sure:
+        explanations = [sure]
+    return tuple(dict.fromkeys(explanations))
 
 
-def answer_set(judged: Judged, late: Mapping[str, float] = MappingProxyType({})) -> list[str]:
+def answer_set(judged: Judged, known: Sequence[Beforehand] = ()) -> list[str]:
     """Ids of the effects in the answer."""
-    return list(dict.fromkeys(id for ids in rivals(judged, late) for id in ids))
+    return list(dict.fromkeys(id for ids in rivals(judged, known) for id in ids))
 
 
-def with_ages(
-    effects: Sequence[EffectEntry], late: Mapping[str, float], shown: Fit, residuals: Residuals, validation: Validation
-) -> tuple[EffectEntry, ...]:
-    """The effects with the sensors that were found to be `late` before any fit, by size of that effect [s]: by so
-    much more where the fit has found more. What they gain is what is lost without."""
-    found = list(effects)
-    for field, age in late.items():
-        at = next(
-            (
-                i
-                for i, one in enumerate(found)
-                if one.id == DELAY.id and one.parameters[0].name == field and one.accepted
-            ),
-            None,
-        )
+def with_known(
+    effects: Sequence[EffectEntry], known: Sequence[Beforehand], shown: Fit, residuals: Residuals,
+    validation: Validation,
+) -> tuple[EffectEntry, ...]:  # fmt: skip
+    """The effects with the defects of sensors that were `known` before any fit: of a size larger by so much where the
+    fit has found more. What they gain is what is lost without."""
+    entries = list(effects)
+    for one in known:
+        at = next((i for i, entry in enumerate(entries) if entry.accepted and _has_size(entry, one)), None)
         if at is not None:
-            size = found[at].parameters[0]
-            low, high = size.interval_90
-            whole = size.with_(value=size.value + age, interval_90=(low + age, high + age))
-            found[at] = found[at].with_(parameters=(whole, *found[at].parameters[1:]))
-            continue
-        name = f"effects.{DELAY.id}.{field}"
-        without = shown.parameter_set.changed({name: shown.parameter_set.values[name] - age})
-        trained = _lost(residuals, shown.residuals, without)
-        unseen = None
-        if validation.residuals is not None:
-            unseen = _lost(validation.residuals, validation.held_out(shown)[1], without)
-        around = (age - LATENCY.lag_deviation, age + LATENCY.lag_deviation)
-        found.insert(
-            0,
-            EffectEntry(
-                id=DELAY.id, sentence=DELAY.sentence, sensor=field,
-                parameters=(Size(name=field, unit="s", value=age, interval_90=around),),
-                gain_training=trained, gain_left_out=trained, gain_held_out=unseen, adds_to_best=None, keep=1.0,
-                confidence=LATENCY.confidence, objection="", accepted=True, answer_set=(DELAY.id,), would_separate=None,
-            ),
-        )  # fmt: skip
-    return tuple(found)
+            entries[at] = entries[at].with_(parameters=tuple(_larger(size, one) for size in entries[at].parameters))
+        else:
+            fitted = sum(entry.accepted for entry in entries)
+            entries.insert(fitted, _known_entry(one, shown, residuals, validation))
+    return tuple(entries)
+
+
+def _has_size(entry: EffectEntry, known: Beforehand) -> bool:
+    return entry.id == known.effect and any(size.name == known.field for size in entry.parameters)
+
+
+def _larger(size: Size, known: Beforehand) -> Size:
+    """A size with what was known of it before the fit."""
+    if size.name != known.field:
+        return size
+    low, high = size.interval_90
+    return size.with_(value=size.value + known.value, interval_90=(low + known.value, high + known.value))
+
+
+def _known_entry(known: Beforehand, shown: Fit, residuals: Residuals, validation: Validation) -> EffectEntry:
+    """The entry of a defect that no fit has changed."""
+    effect = EVERY[known.effect]
+    name = f"effects.{known.effect}.{known.field}"
+    without = shown.parameter_set.changed({name: shown.parameter_set.values[name] - known.value})
+    trained = _lost(residuals, shown.residuals, without)
+    unseen = None
+    if validation.residuals is not None:
+        unseen = _lost(validation.residuals, validation.held_out(shown)[1], without)
+    extra = effect.model_fields[known.field].json_schema_extra
+    assert isinstance(extra, dict)
+    half = NORMAL_90 * known.deviation
+    around = (known.value - half, known.value + half)
+    return EffectEntry(
+        id=known.effect, sentence=effect.sentence, sensor=known.field if effect.delays else None,
+        parameters=(Size(name=known.field, unit=str(extra["unit"]), value=known.value, interval_90=around),),
+        gain_training=trained, gain_left_out=trained, gain_held_out=unseen, adds_to_best=None, keep=1.0,
+        confidence=CONFIDENCE_BEFOREHAND, objection="", accepted=True, answer_set=(known.effect,), would_separate=None,
+    )  # fmt: skip
 
 
 def _lost(residuals: Residuals, after: Sequence[Array], without: ParameterSet) -> float:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 
 from vsense_ros.mismatch.answer_schema import (
     Answer,
@@ -10,8 +10,9 @@ from vsense_ros.mismatch.answer_schema import (
     Force,
     Remainder,
 )
+from vsense_ros.mismatch.beforehand import Beforehand
 from vsense_ros.mismatch.simulation import LOST
-from vsense_ros.mismatch.words import in_words, label, percent
+from vsense_ros.mismatch.words import in_words, label, percent, shown_value
 from vsense_ros.model.effects import BY_ID
 
 
@@ -31,18 +32,22 @@ def sentence(answer: Answer) -> str:
     return f"The model leaves out {named}; with it {_falls(accepted[0], answer)}{rest}.{_began(answer)}"
 
 
-def conditions(answer: Answer, late: Mapping[str, float], left_out: Sequence[str]) -> str:
-    """On what an answer rests, as sentences behind its own: sensors that are `late` [s, by size of that effect], where
-    the answer does not name them, and the signals that were left out of the comparison, each with its reason."""
-    named = answer.verdict == "named"
-    said = [
-        f" The {label(sensor)} is {abs(age):.2g} s {'late' if age > 0 else 'early'}, which is taken into account."
-        for sensor, age in late.items()
-        if not (named and any(size.name == sensor for effect in answer.accepted for size in effect.parameters))
-    ]
+def conditions(answer: Answer, known: Sequence[Beforehand], left_out: Sequence[str]) -> str:
+    """On what an answer rests, as sentences behind its own: defects of sensors that are `known` before any fit, where
+    the answer does not name them itself, and the signals that were left out of the comparison, each with its reason."""
+    said = ""
+    if known and answer.verdict != "named":
+        sizes = (f"{BY_ID[one.effect].sentence} ({label(one.field)} {_in_unit(one)})" for one in known)
+        said += f" Determined before any fit, and taken into account: {'; '.join(sizes)}."
     if left_out:
-        said.append(f" Left out of the comparison: {'; '.join(left_out)}.")
-    return "".join(said)
+        said += f" Left out of the comparison: {'; '.join(left_out)}."
+    return said
+
+
+def _in_unit(known: Beforehand) -> str:
+    extra = BY_ID[known.effect].model_fields[known.field].json_schema_extra
+    assert isinstance(extra, dict)
+    return shown_value(known.value, str(extra["unit"]))
 
 
 def _began(answer: Answer) -> str:

@@ -6,14 +6,14 @@ one bad signal does not prevent an answer that the others can give.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 
 from vsense_ros.checks.aligned import INERTIAL_FIELDS
 from vsense_ros.messages.recording import Recording
-from vsense_ros.mismatch.ages import ages, with_ages
+from vsense_ros.mismatch.beforehand import Beforehand, beforehand, with_sizes
 from vsense_ros.mismatch.data_quality import Hindrance, hindrance
 from vsense_ros.mismatch.spoilt import without_spoilt
 from vsense_ros.mismatch.windows import Dataset
@@ -26,7 +26,7 @@ MOST_LEFT_OUT = 8  # signals; where more are wrong, it is not one of them
 @dataclass(frozen=True)
 class Comparable:
     """Recordings without the signals that cannot be right: `fitted` windows of `recordings`, and `unseen` ones of
-    `held_out`, with the `vehicle` whose sensors are `late` as was estimated before any fit [s, by size of the effect].
+    `held_out`, with the `vehicle` that has the defects of its sensors which are `known` before any fit.
     `left_out` says which signals are missing and why; `refused` why nothing can be compared, empty where something can.
     """
 
@@ -35,7 +35,7 @@ class Comparable:
     fitted: Dataset
     unseen: Dataset
     vehicle: Vehicle
-    late: Mapping[str, float]
+    known: Sequence[Beforehand]
     left_out: tuple[str, ...] = ()
     refused: str = ""
 
@@ -43,7 +43,7 @@ class Comparable:
 def comparable(recordings: Sequence[Recording], held_out: Sequence[Recording], vehicle: Vehicle) -> Comparable:
     """What can be compared of `recordings` and of those that are `held_out`."""
     fitted = without_spoilt(recordings, vehicle)
-    result = _compared(recordings, held_out, vehicle, ages(fitted, vehicle))
+    result = _compared(recordings, held_out, vehicle, beforehand(fitted, vehicle))
     while wrong := hindrance([*result.recordings, *result.held_out], result.fitted, result.unseen, result.vehicle):
         rest = _without(result, wrong, vehicle) if len(result.left_out) < MOST_LEFT_OUT else None
         if rest is None:
@@ -53,16 +53,16 @@ def comparable(recordings: Sequence[Recording], held_out: Sequence[Recording], v
 
 
 def _compared(
-    recordings: Sequence[Recording], held_out: Sequence[Recording], vehicle: Vehicle, late: Mapping[str, float]
+    recordings: Sequence[Recording], held_out: Sequence[Recording], vehicle: Vehicle, known: Sequence[Beforehand]
 ) -> Comparable:
-    """The windows of recordings of a vehicle whose sensors are `late` [s, by size of the effect]."""
-    car = with_ages(vehicle, late)
+    """The windows of recordings of a vehicle with the defects of its sensors that are `known`."""
+    car = with_sizes(vehicle, known)
     fitted = without_spoilt(recordings, car)
-    return Comparable(recordings, held_out, fitted, without_spoilt(held_out, car, fitted), car, late)
+    return Comparable(recordings, held_out, fitted, without_spoilt(held_out, car, fitted), car, known)
 
 
 def _without(compared: Comparable, wrong: Hindrance, vehicle: Vehicle) -> Comparable | None:
-    """The rest without a signal that is wrong, of sensors that are as late as with it; None where it is no signal that
+    """The rest without a signal that is wrong, with the defects that are known with it; None where it is no signal that
     can be missing."""
     sensor = next((sensor for sensor in vehicle.sensing().values() if sensor.topic == wrong.topic), None)
     if sensor is None:
@@ -74,7 +74,7 @@ def _without(compared: Comparable, wrong: Hindrance, vehicle: Vehicle) -> Compar
             for one in every
         ]
 
-    rest = _compared(rest_of(compared.recordings), rest_of(compared.held_out), vehicle, compared.late)
+    rest = _compared(rest_of(compared.recordings), rest_of(compared.held_out), vehicle, compared.known)
     if len(rest.fitted.by_recording()) < len(compared.fitted.by_recording()):
         return None
     return replace(rest, left_out=(*compared.left_out, wrong.reason))

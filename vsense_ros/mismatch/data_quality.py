@@ -104,7 +104,7 @@ def _hindrances(
             topic = sensors[stretch.sensor].topic if stretch.sensor else ""
             yield Hindrance(stretch.reason, topic, stretch.components, windows[0].name)
     yield from _units(recordings, sensors, float(np.mean(rolling_radii(vehicle))))
-    means = [(windows[0].name, _Drive.of(windows, sensors, vehicle)) for windows in drives]
+    means = [(windows[0].name, Drive.of(windows, sensors, vehicle)) for windows in drives]
     yield from map(Hindrance, _too_little(fitted, [drive for _, drive in means[: len(fitted.by_recording())]]))
     for name, drive in means:
         yield from _unrelated(drive, name, sensors)
@@ -186,7 +186,7 @@ def _of_several_fits(base: Fit, residuals: Residuals) -> Iterator[str]:
             )
 
 
-def _too_little(dataset: Dataset, drives: Sequence[_Drive]) -> Iterator[str]:
+def _too_little(dataset: Dataset, drives: Sequence[Drive]) -> Iterator[str]:
     if not dataset.windows:
         yield "; ".join(dataset.remarks) or "there is no recording"
         return
@@ -268,7 +268,7 @@ def _as_mounted(recording: Recording, sensors: Mapping[str, SensorBase]) -> Reco
 
 
 @dataclass(frozen=True)
-class _Drive:
+class Drive:
     """Means over half a second of what physics relates, over all windows of a recording; NaN where not measured."""
 
     speed: Array  # [m/s]
@@ -283,7 +283,7 @@ class _Drive:
     wheelbase: float  # [m]
 
     @classmethod
-    def of(cls, windows: Sequence[Window], sensors: Mapping[str, SensorBase], vehicle: Vehicle) -> _Drive:
+    def of(cls, windows: Sequence[Window], sensors: Mapping[str, SensorBase], vehicle: Vehicle) -> Drive:
         chassis = vehicle.physics.chassis
         parts: dict[str, list[Array]] = {name: [] for name in cls.__dataclass_fields__ if name != "wheelbase"}
         for window in windows:
@@ -321,7 +321,7 @@ class _Drive:
         return found[0], found[1]
 
 
-def _unrelated(drive: _Drive, name: str, sensors: Mapping[str, SensorBase]) -> Iterator[Hindrance]:
+def _unrelated(drive: Drive, name: str, sensors: Mapping[str, SensorBase]) -> Iterator[Hindrance]:
     """Signals that follow from one another by physics, and differ by more than any effect could make: a unit, a sign,
     an axis or a clock is wrong."""
     gentle = np.where(np.abs(drive.turning) < SETTINGS.gripping, 1.0, np.nan)
@@ -370,7 +370,7 @@ def _contradiction(measured: Array, expected: Array, least: float, sizes: tuple[
     return "does not go along with {other}; is a clock or an axis wrong?"
 
 
-def _unlike(drives: Sequence[tuple[str, _Drive]]) -> Iterator[str]:
+def _unlike(drives: Sequence[tuple[str, Drive]]) -> Iterator[str]:
     """Recordings, by name, between which the car or its sensors have changed."""
     radii: list[tuple[float, str]] = []
     tilts: list[tuple[Array, str]] = []
@@ -398,7 +398,7 @@ def _unlike(drives: Sequence[tuple[str, _Drive]]) -> Iterator[str]:
             )
 
 
-def _over_rolling(drive: _Drive, steady: NDArray[np.bool_]) -> list[float]:
+def _over_rolling(drive: Drive, steady: NDArray[np.bool_]) -> list[float]:
     """Speed over ground over that of the wheels; none where bends to one side leave it open, as an antenna beside the
     middle of the car is faster or slower there."""
     ratio = drive.over_ground[steady] / drive.rolling[steady]

@@ -29,6 +29,7 @@ from vsense_ros.messages.recording import Recording
 from vsense_ros.mismatch import answer as entries
 from vsense_ros.mismatch.answer_schema import VERSION, Answer, Located, OutOfReach
 from vsense_ros.mismatch.answer_sentence import conditions, sentence
+from vsense_ros.mismatch.beforehand import Beforehand
 from vsense_ros.mismatch.candidates import BASE, Candidate, base_parameters, candidates, out_of_reach
 from vsense_ros.mismatch.comparable import comparable
 from vsense_ros.mismatch.data_quality import faults_in_words, faults_of, misfit, steps_in_words
@@ -153,7 +154,7 @@ def explain_recordings(
         ),
         compared.vehicle,
         progress,
-        compared.late,
+        compared.known,
     )  # fmt: skip
     try:
         if reason := compared.refused:
@@ -162,7 +163,7 @@ def explain_recordings(
     except NotAssessableError as error:
         found = Explanation(explainer.answer.with_(sentence=_nothing_said(str(error))))
     if not compared.refused:
-        beside = conditions(found.answer, compared.late, compared.left_out)
+        beside = conditions(found.answer, compared.known, compared.left_out)
         found = replace(found, answer=found.answer.with_(sentence=found.answer.sentence + beside))
     if observe and found.extended is not None:
         found = _observed(found, compared.recordings, compared.held_out, fitted, vehicle, progress)
@@ -197,10 +198,10 @@ class _Explainer:
     can be said."""
 
     def __init__(
-        self, unanswered: Answer, vehicle: Vehicle, progress: Callable[[], None], late: Mapping[str, float]
+        self, unanswered: Answer, vehicle: Vehicle, progress: Callable[[], None], known: Sequence[Beforehand]
     ) -> None:
-        """`late` is by how much more sensors of `vehicle` are late than its file says, by size of that effect [s]."""
-        self.answer, self.vehicle, self.progress, self.late = unanswered, vehicle, progress, late
+        """`vehicle` has the defects of its sensors that are `known` before any fit."""
+        self.answer, self.vehicle, self.progress, self.known = unanswered, vehicle, progress, known
 
     def explanation(self, dataset: Dataset, unseen: Dataset) -> Explanation:
         """The answer about recordings that can be assessed. Raises `NotAssessableError` where they cannot."""
@@ -288,14 +289,14 @@ class _Explainer:
     def _answered(self, search: Search, judged: Judged, validation: Validation, shown: Fit) -> None:
         residuals, base, leader = search.residuals, search.base, judged.leader
         effects = tuple(entries.effect_entries(judged, residuals.predictor.dataset, validation))
-        effects = entries.with_ages(effects, self.late, shown, residuals, validation)
+        effects = entries.with_known(effects, self.known, shown, residuals, validation)
         answer = self.answer.with_(
-            verdict="named" if self.late and judged.verdict == "no_mismatch" else judged.verdict,
+            verdict="named" if self.known and judged.verdict == "no_mismatch" else judged.verdict,
             by_pieces=leader is not None and validation.by_pieces(leader.fit),
             located=located(residuals, base, judged, validation, effects),
             effects=effects,
-            answer_set=entries.answer_set(judged, self.late),
-            rivals=entries.rivals(judged, self.late),
+            answer_set=entries.answer_set(judged, self.known),
+            rivals=entries.rivals(judged, self.known),
             fit=entries.errors(residuals, base, shown, validation),
             base=entries.base_parameters(base, leader.fit if leader is not None else None),
             misfit=residuals.level(base.residuals),
@@ -315,7 +316,7 @@ class _Explainer:
 
     def _extended(self, search: Search, judged: Judged, shown: Fit) -> Vehicle | None:
         """The vehicle file with what was found, where that is sure."""
-        if (judged.leader is None and not self.late) or judged.verdict == "ambiguous":
+        if (judged.leader is None and not self.known) or judged.verdict == "ambiguous":
             return None
         return extended(self.vehicle, search.residuals.predictor.dataset, shown.parameter_set)
 

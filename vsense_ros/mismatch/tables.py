@@ -171,7 +171,7 @@ def _together(answer: Answer, effect: EffectEntry) -> str:
 
 
 def _before_any_fit(answer: Answer, effect: EffectEntry) -> bool:
-    """True for a delay that the lags between sensors determine, in an answer that names nothing of what was fitted."""
+    """True for a defect of a sensor that is known before any fit, in an answer that names nothing else."""
     return effect.accepted and answer.verdict not in ("named", "ambiguous")
 
 
@@ -180,7 +180,7 @@ def _standing(answer: Answer, effect: EffectEntry, gains: Mapping[str, float], b
     if effect.id not in BY_ID:
         return "describes what is left over, and names no physics"
     if _before_any_fit(answer, effect):
-        return "determined before any fit, by the lags between sensors"
+        return "determined before any fit, by sensors of one motion"
     within = effect.id in answer.answer_set
     weakest, least = _deciding(gains)
     if not within and (least < answer.threshold or best <= 0.0):
