@@ -58,13 +58,12 @@ def driven(seconds: float = 180.0, *, ratio: float = 1.0, rear: float = 1.0, ahe
     fit, rng = CarFit(prototype(), ARM), np.random.default_rng(1)
     for i, (now, slip, rate, heading) in enumerate(zip(t.tolist(), slips, rates, headings, strict=True)):
         stamp, v = round(1e9 * now) + 1, speed(now)
-        fit.angle = ratio * angle(now - STEP / 2)
         if i % 5 == 0:
             course = heading + atan2(slip + (ARM + ahead - b) * rate, v)
             noise = rng.normal(0.0, 0.02, 2)
             fit.travel(stamp, v * cos(course) + noise[0], v * sin(course) + noise[1])
         felt = sum(forces(now, slip, rate)) / n["mass"] + rng.normal(0.0, 0.05)
-        fit.feel(stamp, STEP, rate + BIAS + rng.normal(0.0, 0.002), felt, v)
+        fit.feel(stamp, STEP, rate + BIAS + rng.normal(0.0, 0.002), felt, v, ratio * angle(now - STEP / 2))
     return fit
 
 

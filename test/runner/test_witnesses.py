@@ -133,3 +133,21 @@ def test_the_one_of_three_that_contradicts_both_others_is_wrong(sensor: str, err
 @pytest.mark.parametrize("sensor", SENSORS)
 def test_a_radius_that_is_off_by_a_hundredth_is_no_contradiction(sensor: str) -> None:
     assert not travelled(sensor, 20.0, 0.15).since
+
+
+@pytest.mark.parametrize("rate", [10, 500])
+def test_courses_decide_against_a_drifting_steering_angle_at_any_rate(rate: int) -> None:
+    """Wheels are silent, and the angle does not jump: the course alone stands beside the gyro and its accelerometer."""
+    witnesses, sensors = YawWitnesses(car(), car().sensing()), list(car().sensing())
+    steering, velocity = sensors.index("steering"), sensors.index("velocity")
+    speed, angle = 15.0, 0.02
+    turn = steady_yaw_rate(angle, speed)
+    for i in range(3 * rate * 10):  # in tenths of the interval of courses
+        seconds = i / (10 * rate)
+        stamp, drift = START + round(seconds * SECOND), 0.05 * max(seconds - 1.5, 0.0)
+        witnesses.hear(Event(steering, stamp, np.array([angle + drift]), np.zeros(1)))
+        if i % 10 == 0:
+            course = speed * np.array([cos(turn * seconds), sin(turn * seconds)])
+            witnesses.hear(Event(velocity, stamp, course, np.full(2, 1e-4)))
+        witnesses.feel(stamp, 1 / (10 * rate), [0, 0, turn, 0, turn * speed, 9.81], speed, 0.0)
+    assert witnesses.wrong

@@ -20,7 +20,7 @@ from __future__ import annotations
 from collections import deque
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
-from math import degrees, hypot, isfinite, nan
+from math import degrees, hypot, isfinite
 
 import numpy as np
 from numpy.typing import NDArray
@@ -45,6 +45,7 @@ class CarFitSettings:
     least: int = 5  # [-] blocks before anything is concluded: a minute
     slowest: float = 4.0  # [m/s] below which a course says little
     linear: float = 4.0  # [m/s²] lateral acceleration up to which tyres are as a single track has them
+    asked: int = 1_000_000_000  # [ns] from one look at whether all sensors are believed to the next
     apart: float = 0.095  # [s] between two courses
     unlike: float = 9.0  # [-] mean square of the residuals of a block over their median, that is left out
     together: int = 5  # [-] steps whose mean is one row of the regression of the steering
@@ -111,11 +112,7 @@ class _Step:
 
 class CarFit:
     """Both regressions for one car. `arm` is the distance ahead of the rear axle, by the file, of the antenna whose
-    courses `travel` takes [m].
-
-    `angle` is to be set to each new steering angle at the road wheels [rad]; what is asked of it is left out while it
-    is NaN.
-    """
+    courses `travel` takes [m]."""
 
     def __init__(self, vehicle: Vehicle, arm: float) -> None:
         chassis = vehicle.physics.chassis
@@ -126,7 +123,6 @@ class CarFit:
         self._course_blocks: deque[tuple[Array, Array]] = deque(maxlen=CAR_FIT.blocks)
         self._streaks: dict[str, int] = {}  # how often in a row a quantity has differed, by its words
         self.quantities: tuple[Quantity, ...] = ()  # what is known of the car by now
-        self.angle = nan  # the newest at the road wheels [rad]
         self.forget()
 
     def forget(self) -> None:
@@ -141,14 +137,15 @@ class CarFit:
         if not self._courses or time - self._courses[-1][0] > CAR_FIT.apart:
             self._courses.append((time, east, north))
 
-    def feel(self, stamp: int, h: float, rate: float, felt: float, speed: float) -> None:
+    def feel(self, stamp: int, h: float, rate: float, felt: float, speed: float, angle: float) -> None:
         """Take in the means over `h` [s] up to a time [ns]: yaw rate [rad/s] and lateral acceleration [m/s²] as
-        measured, and the speed [m/s]."""
+        measured, the speed [m/s], and the steering angle at the road wheels [rad], NaN where there is none."""
         if not (speed > CAR_FIT.slowest and abs(felt) < CAR_FIT.linear and isfinite(rate)):
             self._end_block()
             return
         self._time += h
-        self._sums = [total + h * one for total, one in zip(self._sums, (rate, felt, speed, self.angle), strict=True)]
+        sums = self._sums
+        self._sums = [sums[0] + h * rate, sums[1] + h * felt, sums[2] + h * speed, sums[3] + h * angle]
         if self._time >= CAR_FIT.step:
             self._end_step(stamp * 1e-9)
 
@@ -192,7 +189,7 @@ class CarFit:
         count = len(table) // CAR_FIT.together
         rate, felt, speed, angle = table[: count * CAR_FIT.together].reshape(count, CAR_FIT.together, 4).mean(axis=1).T
         understeer = self._slips(felt, self._front) - self._slips(felt, self._rear)
-        change = np.gradient(angle, CAR_FIT.together * CAR_FIT.step)
+        change = np.gradient(angle, CAR_FIT.together * (steps[-1].end - steps[0].end) / max(len(steps) - 1, 1))
         return np.column_stack([self._wheelbase * rate / speed, felt, np.ones(count), change]), angle - understeer
 
     def _course_rows(self, steps: list[_Step], courses: list[tuple[float, float, float]]) -> tuple[Array, Array] | None:

@@ -8,7 +8,7 @@ from math import nan
 from vsense_ros.estimation.timeline import Event, Timeline
 from vsense_ros.model.sensors import place_of
 from vsense_ros.runner.adapter import Adapter
-from vsense_ros.runner.car_fit import CarFit
+from vsense_ros.runner.car_fit import CAR_FIT, CarFit
 from vsense_ros.runner.judge import Judge
 
 
@@ -21,7 +21,8 @@ class FitJudge(Judge):
         self._adapter, self._are_believed = adapter, are_believed
         sensors = tuple(adapter.sensors.values())
         self._steering, self._course = (place_of(sensors, what) for what in ("steering", "course"))
-        self.hears = frozenset((self._steering, self._course))
+        self.hears = frozenset((self._course,))
+        self._asked, self._believed = 0, False  # when [ns] that was asked last, and the answer
         self.judged = adapter.knows_car and self._course >= 0 and place_of(sensors, "rates and forces") >= 0
         if self.judged:
             antenna = float(sensors[self._course].mounting()[0])
@@ -34,17 +35,16 @@ class FitJudge(Judge):
 
     def forget(self, stamp: int) -> None:
         self._fit.forget()
-        self._fit.angle = nan
 
     def hear(self, event: Event) -> None:
-        if event.sensor == self._steering:
-            self._fit.angle = event.value.item(0)
-        else:
-            self._fit.travel(event.stamp, *event.value.tolist()[:2])
+        self._fit.travel(event.stamp, *event.value.tolist()[:2])
 
     def feel(self, stamp: int, h: float, felt: list[float]) -> None:
-        if self._are_believed():
-            self._fit.feel(stamp, h, felt[2], felt[4], self._adapter.forward_speed)
+        if not 0 <= stamp - self._asked < CAR_FIT.asked:
+            self._asked, self._believed = stamp, self._are_believed()
+        if self._believed:
+            angle = self._adapter.steering_angle if self._steering >= 0 else nan
+            self._fit.feel(stamp, h, felt[2], felt[4], self._adapter.forward_speed, angle)
         else:
             self._fit.forget()
 

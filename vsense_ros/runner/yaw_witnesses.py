@@ -50,6 +50,7 @@ class YawWitnessSettings:
     course: float = 0.02  # [rad] noise, side slip that changes, and
     course_rate: float = 0.02  # [rad/s] bias of the gyro meanwhile
     course_time: float = 0.5  # [s] over which the course is compared
+    course_apart: float = 0.019  # [s] between two courses that are kept
     # Tyres slide.
     linear: float = 4.0  # [m/s²] lateral acceleration up to which they do not
     remembered: float = 1.0  # [s] time constant with which the largest lateral acceleration is forgotten
@@ -216,9 +217,11 @@ class YawWitnesses:
             self._seen.clear()
             self._by_course = 0
             return
+        seen = self._seen
+        if seen and 0 <= event.stamp - seen[-1][0] < s.course_apart * 1e9:
+            return
         gyro, least, largest = self._ways
         now = (event.stamp, atan2(north, east), gyro, least, largest)
-        seen = self._seen
         while len(seen) > 1 and event.stamp - seen[1][0] >= s.course_time * 1e9:
             seen.popleft()
         if seen and event.stamp - seen[0][0] >= s.course_time * 1e9:
