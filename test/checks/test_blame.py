@@ -39,3 +39,10 @@ def test_of_two_the_one_that_is_trusted_less_is_wrong():
 def test_where_all_agree_nobody_is_wrong():
     found = who_is_wrong(dict.fromkeys(combinations(NAMES, 2), True), {})
     assert (found.wrong, found.undecided) == ((), ())
+
+
+def test_two_that_agree_may_be_reversed_together_but_are_not_late_together():
+    pairs = {("a", "b"): True, ("a", "c"): False, ("b", "c"): False}
+    trusted = {"c": 3.0}
+    assert who_is_wrong(pairs, trusted, reversed_signs=True).wrong == ("a", "b")
+    assert who_is_wrong(pairs, trusted).wrong == ("c",)

@@ -267,8 +267,8 @@ def _clock_rate(channel: Channel) -> Finding | None:
     edges = np.linspace(0, len(channel), parts + 1).astype(int)
     least = np.array([delay[a:b].min() for a, b in pairwise(edges)])
     middle = np.array([float(np.median(seconds[a:b])) for a, b in pairwise(edges)])
-    slope, offset = np.polyfit(middle, least, 1)
-    scatter = float(np.std(least - slope * middle - offset))
+    slope = np.polyfit(middle, least, 1)[0]
+    scatter = float(np.std(least - slope * middle))
     drift = abs(slope) * (middle[-1] - middle[0])
     if drift <= max(SETTINGS.drift, SETTINGS.drift_deviations * scatter) or abs(slope) <= SETTINGS.slope:
         return None
