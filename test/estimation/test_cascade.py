@@ -175,3 +175,15 @@ def test_a_link_to_what_is_not_there_is_named(inputs: Any, measurements: Any, me
     filters = {"heading": Ekf(Dense(YawKkf(), [COURSE])), "velocity": Ekf(Dense(VelocityKkf(), [VELOCITY]))}
     with pytest.raises(InputError, match=message):
         Cascade(filters, inputs, measurements)
+
+
+def test_a_sensor_with_a_link_corrects_both_filters_and_one_without_its_own_alone() -> None:
+    cascade = dual()
+    found = cascade.correct("gnss", np.array([10.0, 0.12]), np.array([SPEED_NOISE**2, COURSE_NOISE**2]))
+    moved = cascade.belief().mean != START.mean
+    assert moved[2]  # the forward velocity, by the link
+    alone = dual()
+    course = alone.correct("course", np.array([0.12]), np.array([COURSE_NOISE**2]))
+    assert (alone.belief().mean[:2] != START.mean[:2]).any()
+    np.testing.assert_array_equal(alone.belief().mean[2:], START.mean[2:])
+    assert (len(found.whitened), len(course.whitened)) == (2, 1)

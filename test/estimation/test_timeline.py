@@ -248,3 +248,15 @@ def test_what_is_repeated_is_the_same_in_one_go_and_event_by_event(at_once: bool
     late = sorted(events, key=arrival)
     assert late != events
     assert (after(timeline(in_one_go=lambda: at_once), late) == after(timeline(), events)).all()
+
+
+def test_going_on_to_a_time_that_has_passed_leaves_the_filter_where_it_is() -> None:
+    made = timeline()
+    before = after(made, drive(0, 0.4))
+    for time in (0.05, 0.3, 0.4):
+        made.go_on(round(time * SECOND))
+        np.testing.assert_array_equal(made.filter.memory, before)
+        assert made.stamp == round(0.4 * SECOND)
+    made.go_on(round(0.41 * SECOND))
+    assert made.stamp == round(0.41 * SECOND)
+    assert not np.array_equal(made.filter.memory, before)

@@ -108,3 +108,13 @@ def test_units_contradict_only_where_both_are_known() -> None:
     assert not contradiction("", "rad")
     assert quantity_of("kph") == "velocity"
     assert to_si("km/h") == pytest.approx(1 / 3.6)
+
+
+def test_an_identifier_of_29_bits_without_the_bit_that_says_so_is_one_all_the_same(tmp_path: Path) -> None:
+    path = tmp_path / "car.dbc"
+    path.write_text(
+        HEAD + ' SG_ A : 0|8@1+ (1,0) [0|1] "" X\n\nBO_ 300000000 O: 8 X\n SG_ B : 0|8@1+ (1,0) [0|1] "" X\n'
+    )
+    database = read_database(path).database
+    found = {message.name: (message.frame_id, message.is_extended_frame) for message in database.messages}
+    assert found == {"M": (1, False), "O": (300_000_000, True)}
