@@ -116,7 +116,14 @@ def test_two_axes_of_an_accelerometer_show_how_they_lie():
     (finding,) = found(exchanged)
     assert isinstance(finding.mend, Turn)
     np.testing.assert_array_equal(np.array(finding.mend.matrix), [[0, 1, 0], [1, 0, 0], [0, 0, 1]])
-    assert found({**only(REAL, *GNSS_SIGNALS, "wz"), "ay": -REAL["ay"]}) == []
+
+
+def test_a_lateral_accelerometer_alone_shows_its_sign():
+    alone = only(REAL, *GNSS_SIGNALS, "wz")
+    assert found({**alone, "ay": REAL["ay"]}) == []
+    (finding,) = found({**alone, "ay": -REAL["ay"]})
+    assert (finding.kind, finding.reason) == (Kind.SIGN, Reason.LATERAL_REVERSED)
+    assert finding.mend == Turn(("linear_acceleration",), ((1.0, 0.0, 0.0), (0.0, -1.0, 0.0), (0.0, 0.0, 1.0)))
 
 
 def test_axes_are_not_determined_by_a_drive_without_braking_or_turning_or_without_a_speed():

@@ -65,8 +65,11 @@ def test_signals_are_named_with_the_unit_in_which_the_topic_has_them(topic, kind
 
 
 def test_parameters_have_their_values_and_deviations():
-    found = headings("vsense/parameters", "sensor_msgs/msg/JointState")
-    assert found == {"a": 0.0, "b": 1.0, "a_sigma": 100.0, "b_sigma": 101.0}
+    values = {"position": np.array([[1.0, 2.0]]), "velocity": np.array([[0.1, 0.2]]), "effort": np.zeros((1, 0))}
+    found = columns_of("vsense/parameters", JOINTS, ("mass", "grip"), values)
+    assert {column.name.rpartition("/")[2]: float(column.value[0]) for column in found} == {
+        "mass": 1.0, "grip": 2.0, "mass_sigma": 0.1, "grip_sigma": 0.2,
+    }  # fmt: skip
 
 
 def test_fields_and_joints_that_are_not_there_and_signals_that_are_absent_are_left_out():
