@@ -258,6 +258,7 @@ class Contents:
         tables += [np.array(effect.profile) for effect in self.observer.profiles]
         return {
             "vehicle": harmless(self.vehicle.name),
+            "forces_determined": torques.determine_forces,
             "states": self.states(),
             "inputs": INPUT_ENTRIES,
             "parameters": [

@@ -19,6 +19,8 @@ Array = NDArray[np.float64]
 _ALIGNMENT_SPEED = 2.0  # [m/s] above it the course tells the heading
 _SAME_SPEED = 0.2  # of a speed by which another may differ from it
 _STANDING = 0.2  # [m/s] below it the car does
+_NONE = 2.0  # standard deviations of a velocity below which it may be none
+_HELD = 1e-6  # [rad] deviation of a heading that a velocity of none must not change
 _ANYWHERE = 100.0  # [m] standard deviation of a position of which nothing is known
 
 
@@ -48,7 +50,10 @@ class Alignment:
         if not sensor.on_map:
             return True
         if "position" not in sensor.tells:
-            return self.align(event)
+            if self.align(event):
+                return True
+            self._rest(event)
+            return False
         if not self._velocity_comes() and self.align(event):
             return True
         self._stand(event)
@@ -113,6 +118,20 @@ class Alignment:
         forward = mean[FORWARD] if abs(mean[FORWARD]) > 0.1 else 0.1
         yaw = np.arctan2(north, east) - np.arctan2(mean[LATERAL], forward)
         return float(yaw), float(np.hypot(0.05, np.sqrt(event.variance.max()) / speed))
+
+    def _rest(self, event: Event) -> None:
+        """Correct the velocity of a car without wheel speeds by one that cannot be distinguished from none.
+
+        It is none in whatever direction the car stands, and determines no heading."""
+        car = self._filter.car
+        if car.prior.torques.measured or "course" not in self._sensors[event.sensor].tells:
+            return
+        if not float(np.hypot(*event.value)) < _NONE * float(np.sqrt(event.variance.max())):
+            return
+        yaw = self._mean.item(YAW)
+        self._filter.set_element(YAW, yaw, _HELD)
+        self._filter.correct(car.sensors[event.sensor], event.value, event.variance, np.inf)
+        self._filter.set_element(YAW, yaw, car.prior.deviation.item(YAW))
 
     def _stand(self, event: Event) -> None:
         """Take a position for where the car is, as long as its heading is not known: all while it stands."""

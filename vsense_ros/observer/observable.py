@@ -45,10 +45,9 @@ HEIGHT_NEEDS = "the height of the road is absent: it needs a GNSS height (gnss_h
 def undetermined(car: CarBlocks, covariance: Array) -> Array:
     """Flags (2,): True where the longitudinal forces of single wheels, and the height of the road, are not determined
     by what was measured, at this covariance (n, n) of the errors of the state."""
-    torques, prior = car.prior.torques, float(car.prior.deviation[_HEIGHT])
-    forces = not (torques.measured or torques.shares.any())
+    prior = float(car.prior.deviation[_HEIGHT])
     kept = float(covariance[_HEIGHT, _HEIGHT]) > (1 - SETTINGS.removed) * prior**2
-    return np.array([forces, kept and prior > SETTINGS.open_height])
+    return np.array([not car.prior.torques.determine_forces, kept and prior > SETTINGS.open_height])
 
 
 def needs(flags: Array) -> str:

@@ -53,6 +53,7 @@ FORWARD, LATERAL, YAW_RATE = (U.start + i for i in (SPEED_X, SPEED_Y, coordinate
 TURNED, TURNING = [ROLL, PITCH], [Y, X]  # what errors of the tyres' forces turn, and which
 _HEIGHT = 100.0  # [m] standard deviation of a height of which nothing is known
 _PLACED = 1e-6  # [m], [rad] deviations of a place and a heading that are known
+_FIXED = 1e-6  # [-] deviation of the radius of tyres whose wheels nothing measures: no sensor can determine it
 # Errors that those of the velocities depend on after a step.
 DYNAMIC = np.array(DYNAMIC_COORDINATES)
 GAIN_COLUMNS = np.concatenate([DYNAMIC, np.arange(U.start, DISTURB.stop)])
@@ -118,7 +119,7 @@ class Prior:
         deviation[FORCE][TURNED] = np.hypot(deviation[FORCE][TURNED], levers * deviation[FORCE][TURNING])
         deviation[DISTURB] = [
             *(around.grade, around.bank, *np.sqrt(_roughness(around)[:, 1])),
-            *(_PLACED, around.steering_offset, around.radius_error),
+            *(_PLACED, around.steering_offset, around.radius_error if torques.measured else _FIXED),
         ]
         if any("position" in sensor.tells for sensor in sensors.values()):
             deviation[DISTURB][ROAD_HEIGHT] = _HEIGHT  # over an origin that somebody else may have chosen
@@ -126,7 +127,7 @@ class Prior:
         time_constant[FORCE] = errors.time_constant
         time_constant[FORCE][SPIN] = 1 / torques.rate[BRAKING]
         drift = np.zeros(where.size)
-        drift[DISTURB][-2:] = around.steering_offset_drift, around.radius_error_drift
+        drift[DISTURB][-2:] = around.steering_offset_drift, around.radius_error_drift if torques.measured else 0.0
         for sensor, part in zip(sensors.values(), where.biases, strict=True):
             biases: tuple[Bias, ...] = sensor.biases()
             deviation[part] = [b.deviation for b in biases]

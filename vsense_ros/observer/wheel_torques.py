@@ -72,6 +72,11 @@ class TorqueErrors:
         """True if brakes that are released make no difference to the errors."""
         return bool((self.covariance[RELEASED] == self.covariance[BRAKING]).all())
 
+    @property
+    def determine_forces(self) -> bool:
+        """True if the share of each wheel in the longitudinal force is determined: by sensors, or by what is driven."""
+        return self.measured or bool(self.shares.any())
+
     def mode(self, udot: Array, u: Array, disturbances: Array) -> int:
         """`RELEASED` or `BRAKING`, from the accelerations (14,), the velocities (14,) and the slope of the road."""
         speed = u.item(SPEED_X)
