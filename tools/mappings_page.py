@@ -40,6 +40,7 @@ def page() -> str:
         "## Tables and measurements\n",
         *_keys("The file", columns.ColumnMapping),
         *_keys("`time`", columns.Time),
+        *_keys("`rows`", columns.Rows),
         *_keys("`origin`", columns.Origin),
         *_keys("A signal", columns.Signal),
         "### Topics and their fields\n",

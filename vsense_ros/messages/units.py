@@ -24,7 +24,7 @@ QUANTITIES: Mapping[str, Mapping[str, float]] = MappingProxyType(
         "torque": {"N m": 1.0, "kN m": 1e3},
         "force": {"N": 1.0, "kN": 1e3},
         "pressure": {"Pa": 1.0, "kPa": 1e3, "MPa": 1e6, "bar": 1e5, "psi": 6894.757293168},
-        "time": {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9, "min": 60.0, "h": 3600.0},
+        "time": {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9, "min": 60.0, "h": 3600.0, "d": 86_400.0},
         "number": {"1": 1.0},
     }
 )
@@ -41,7 +41,8 @@ _SPELLINGS = {
     "unit_minutinver": "rpm",
     "kph": "km/h", "kmh": "km/h", "km/hr": "km/h", "kmph": "km/h", "km/hour": "km/h", "unit_kilometerperhour": "km/h",
     "mi/h": "mph", "miles/h": "mph", "knot": "kn", "knots": "kn", "kts": "kn", "kt": "kn",
-    "m/sec": "m/s", "mps": "m/s", "meter/s": "m/s", "meters/s": "m/s", "metre/s": "m/s", "unit_meterpersecon": "m/s",
+    "m/sec": "m/s", "mps": "m/s", "meter/s": "m/s", "meters/s": "m/s", "meters/second": "m/s",
+    "metres/second": "m/s", "meter/second": "m/s", "metre/s": "m/s", "unit_meterpersecon": "m/s",
     "m/s^2": "m/s²", "m/s2": "m/s²", "m/s/s": "m/s²", "m/s**2": "m/s²", "m/(s^2)": "m/s²", "m/sec^2": "m/s²",
     "m/sec2": "m/s²", "mpss": "m/s²", "mps2": "m/s²", "ms-2": "m/s²", "unit_meterperseconsquar": "m/s²",
     "meter/s^2": "m/s²", "gn": "g", "g_n": "g",
@@ -54,6 +55,7 @@ _SPELLINGS = {
     "sec": "s", "secs": "s", "second": "s", "seconds": "s", "msec": "ms", "millisecond": "ms", "milliseconds": "ms",
     "µs": "us", "μs": "us", "usec": "us", "microsecond": "us", "microseconds": "us",
     "nsec": "ns", "nanosecond": "ns", "nanoseconds": "ns", "minute": "min", "minutes": "min", "hour": "h", "hours": "h",
+    "day": "d", "days": "d",
     "-": "1", "": "1", "unitless": "1",
 }  # fmt: skip
 _EXACT = {"Nm": "N m", "kNm": "kN m", "MPa": "MPa", "mPa": "", "kN": "kN", "KN": "kN", "kn": "kn", "nm": "", "G": "g"}

@@ -10,6 +10,7 @@ from typing import Any
 from vsense_ros.bag.importers import mapping as mapping_file
 from vsense_ros.bag.importers import text_table
 from vsense_ros.bag.importers.columns import recording_from
+from vsense_ros.bag.importers.long_table import LongTable
 from vsense_ros.messages.recording import Recording
 
 NAME = "csv"
@@ -29,6 +30,6 @@ def read(path: Path, *, mapping: str | Path | Mapping[str, Any] | None = None) -
     are absent; rows without any value of a topic are no message of it.
     """
     wanted = mapping_file.load(mapping_file.default_mapping(path, mapping), path)
-    table = text_table.read_table(path, wanted)
+    table = text_table.read_table(path, wanted) if wanted.rows is None else LongTable(path, wanted)
     recording = recording_from(wanted, table.column, path.stem, NAME, table.base)
     return replace(recording, notes=(*table.notes, *recording.notes))

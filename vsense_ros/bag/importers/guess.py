@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from io import StringIO
 from pathlib import Path
@@ -19,9 +19,11 @@ from vsense_ros.bag.can_survey import survey
 from vsense_ros.bag.importers import mapping as mapping_file
 from vsense_ros.bag.importers import mat, mdf4, text_table
 from vsense_ros.bag.importers.build import Array
+from vsense_ros.bag.importers.dialect import Dialect, dialect_of, rows_by_name, time_keys
 from vsense_ros.bag.importers.guess_topics import topics_of
+from vsense_ros.bag.importers.long_table import LongTable
 from vsense_ros.checks.examination import findings
-from vsense_ros.checks.finding import Kind
+from vsense_ros.checks.finding import Finding, Kind, Turn
 from vsense_ros.checks.sentences import sentence
 from vsense_ros.errors import InputError
 from vsense_ros.messages import units
@@ -30,7 +32,7 @@ from vsense_ros.messages.topics import TOPICS, WHEELS
 _START = r"^(?:.*[ ._:])?"
 _END = r"(?:[ _]?\[.*|[ _]?\(.*|_?\d*)?$"
 # What a signal may be called, by topic and field: the first that fits, in this order.
-_ACC = r"acc(?:eleration)?"
+_ACC = r"(?:acc(?:el(?:eration)?)?|g[ _]?force)"
 _SIDES = {
     "fl": "fl|vl|lf|front[ _]?left",
     "fr": "fr|vr|rf|front[ _]?right",
@@ -38,22 +40,27 @@ _SIDES = {
     "rr": "rr|hr|rear[ _]?right",
 }
 _WHEEL = r"(?:wheel|whl|rad|v|n|ws)?[ _]?(?:speed|spd)?[ _]?(?:{})(?:[ _]?(?:speed|spd))?"
-_STEERING = r"(?:steer(?:ing)?[ _]?(?:wheel)?[ _]?(?:angle)?|lenk(?:rad)?winkel|swa|lwi)"
+_STEERING = r"(?:steer(?:ing|ed)?[ _]?(?:wheel)?[ _]?(?:angle)?|lenk(?:rad)?winkel|swa|lwi)"
 _SPEED = r"(?:gps|gnss)?[ _]?(?:speed|velocity|sog|ground[ _]?speed|geschwindigkeit|v)"
+_YAW_RATE = (
+    r"(?:yaw(?:[ _]?(?:rate|velocity|speed))?|gierrate|psip|wz|gyro[ _]?(?:z|yaw)(?:[ _]?velocity)?|rate[ _]?z"
+    r"|omega[ _]?z)"
+)
+_ALONG = (
+    rf"(?:gps[ _]?)?(?:lon(?:g|gitudinal)?[ _]?{_ACC}|{_ACC}[ _]?(?:x|lon(?:g|gitudinal)?)|ax|a[ _]?long|a_x|g\(x\))"
+)
+_ASIDE = rf"(?:gps[ _]?)?(?:lat(?:eral)?[ _]?{_ACC}|{_ACC}[ _]?(?:y|lat(?:eral)?)|ay|a[ _]?lat|a_y|g\(y\))"
+_UPWARDS = rf"(?:vert(?:ical)?[ _]?{_ACC}|{_ACC}[ _]?(?:z|vert(?:ical)?)|az|a_z|g\(z\))"
 _NAMES: tuple[tuple[str, str, str], ...] = (
+    ("imu/data", "angular_velocity.2", _YAW_RATE),
+    ("imu/data", "linear_acceleration.0", _ALONG),
+    ("imu/data", "linear_acceleration.1", _ASIDE),
+    ("imu/data", "linear_acceleration.2", _UPWARDS),
     ("gps/fix", "latitude", r"(?:gps|gnss)?[ _]?lat(?:itude)?"),
     ("gps/fix", "longitude", r"(?:gps|gnss)?[ _]?lon(?:g|gitude)?"),
     ("gps/fix", "altitude", r"(?:gps|gnss)?[ _]?(?:alt|altitude|height)"),
     ("gps/velocity", "speed", _SPEED),
     ("gps/velocity", "course", r"(?:gps|gnss)?[ _]?(?:course|heading|bearing|cog|track)"),
-    ("imu/data", "angular_velocity.2", r"(?:yaw[ _]?rate|gierrate|psip|wz|gyro[ _]?z|rate[ _]?z|omega[ _]?z)"),
-    (
-        "imu/data",
-        "linear_acceleration.0",
-        rf"(?:gps[ _]?)?(?:lon(?:g|gitudinal)?[ _]?{_ACC}|acc[ _]?x|ax|a[ _]?long|a_x)",
-    ),
-    ("imu/data", "linear_acceleration.1", rf"(?:gps[ _]?)?(?:lat(?:eral)?[ _]?{_ACC}|acc[ _]?y|ay|a[ _]?lat|a_y)"),
-    ("imu/data", "linear_acceleration.2", rf"(?:vert(?:ical)?[ _]?{_ACC}|acc[ _]?z|az|a_z)"),
     ("vehicle/steering", "position.steering_wheel", _STEERING),
     ("vehicle/steering", "position.road_wheel_front", r"(?:road[ _]?wheel[ _]?angle|delta|df)"),
     *(("vehicle/wheel_speeds", f"velocity.wheel_{wheel}", _WHEEL.format(_SIDES[wheel])) for wheel in WHEELS),
@@ -61,6 +68,7 @@ _NAMES: tuple[tuple[str, str, str], ...] = (
 _TIME = re.compile(_START + r"(?:time|timestamp|zeit|t|utc|elapsed(?:[ _]time)?|seconds)" + _END, re.IGNORECASE)
 _BAGS = ("mcap", "rosbag1", "rosbag2")  # importers whose mapping is one of topics
 _MOST_TURNS = 3  # rounds of reversing signs, each of which may show another one
+_LEAST_FORCE, _IN_G = 0.3, (0.06, 0.2)  # [m/s²] of lateral acceleration that shows its unit, and its ratio in g
 _RADIUS = 0.32  # [m] of a wheel whose speed is told at its rim
 
 
@@ -107,6 +115,7 @@ def guess(path: Path, dbc: Path | None = None) -> Proposal:
     if not topics:
         raise InputError(f"{path}: none of its columns has a name that is known; found: {', '.join(columns)[:600]}")
     content["topics"] = topics
+    _unit_of_forces(content, columns, remarks)
     _turn_signs(path, content, remarks)
     left = [name for name in columns if name not in taken]
     if left:
@@ -163,55 +172,46 @@ def _columns(path: Path) -> tuple[dict[str, Any], dict[str, Array], dict[str, st
             raise InputError(f"{path}: no variable is named like a time; found: {', '.join(found)[:600]}")
         same = {name: values for name, values in found.items() if len(values) == len(found[time]) and name != time}
         return {"time": {"column": time, "unit": "s"}}, same, {}
-    best: tuple[list[str], list[str], str] | None = None
-    for delimiter in ",;\t":
-        header, stated_units = text_table.read_header(path, _empty(delimiter))
-        if best is None or len(header) > len(best[0]):
-            best = header, stated_units, delimiter
-    assert best is not None
-    header, stated_units, delimiter = best
+    return _of_text(path)
+
+
+def _of_text(path: Path) -> tuple[dict[str, Any], dict[str, Array], dict[str, str]]:
+    """Likewise of a table of text, whatever its form."""
+    table = dialect_of(path)
+    wanted = mapping_file.ColumnMapping.model_validate({**table.keys, "topics": {}})
+    header, stated = text_table.read_header(path, wanted)
     names = [name if header.count(name) == 1 else str(index) for index, name in enumerate(header, 1)]
-    time = next((name for name in names if _TIME.match(name)), names[0])
-    content: dict[str, Any] = {"time": {"column": time, "unit": "s"}}
-    if delimiter != ",":
-        content["delimiter"] = delimiter
-    found = _of_table(path, content, [name for name in names if name != time], delimiter)
-    return content, found, dict(zip(names, stated_units, strict=True))
+    time, keys = _time_of(path, table, names, stated)
+    content = {"time": {"column": int(time) if time.isdigit() else time, **keys}, **table.keys}
+    if (rows := rows_by_name(table)) is not None:
+        content["rows"] = rows
+        long = LongTable(path, mapping_file.load({**content, "topics": {}}, path))
+        units_of = {name: column.unit for name, column in long.signals.items()}
+        return content, {name: long.values(name) for name in long.signals}, units_of
+    found = {}
+    for index, name in enumerate(names):
+        if name != time and table.numbers(index) is not None:
+            ref: str | int = int(name) if name.isdigit() else name
+            signals = {"steering_wheel": {"column": ref, "unit": "rad", "ignore_stated_unit": True}}
+            one = mapping_file.load({**content, "topics": {"vehicle/steering": {"position": signals}}}, path)
+            found[name] = text_table.read_table(path, one).column(mapping_file.Ref(ref)).values
+    if not found:
+        raise InputError(f"{path}: no column of numbers in it; its columns are {', '.join(header)[:600]}")
+    return content, found, dict(zip(names, stated, strict=True))
 
 
-def _empty(delimiter: str) -> mapping_file.ColumnMapping:
-    return mapping_file.ColumnMapping(delimiter=delimiter, topics={})
-
-
-def _of_table(path: Path, content: dict[str, Any], names: list[str], delimiter: str) -> dict[str, Array]:
-    """Columns of numbers of a table; the unit of time and the decimal sign that let it be read go into `content`."""
-    found: dict[str, Array] = {}
-    refusal: InputError | None = None
-    for unit in ("s", "iso", "hms"):
-        for decimal in (".", ",") if delimiter != "," else (".",):
-            time = {**content["time"], "unit": unit}
-            try:
-                for name in names:
-                    ref = int(name) if name.isdigit() else name
-                    signals = {"steering_wheel": {"column": ref, "unit": "rad"}}
-                    one = {"time": time, "delimiter": delimiter, "decimal": decimal}
-                    wanted = mapping_file.load({**one, "topics": {"vehicle/steering": {"position": signals}}}, path)
-                    try:
-                        table = text_table.read_table(path, wanted)
-                    except InputError as error:
-                        if "column" in str(error) and repr(name) in str(error):
-                            continue  # text, which is no signal
-                        raise
-                    found[name] = table.column(mapping_file.Ref(ref)).values
-            except InputError as error:
-                refusal = error
-                found.clear()
-                continue
-            if found:
-                content["time"]["unit"] = unit
-                content |= {} if decimal == "." else {"decimal": decimal}
-                return found
-    raise refusal or InputError(f"{path}: no column of numbers in it")
+def _time_of(path: Path, table: Dialect, names: Sequence[str], stated: Sequence[str]) -> tuple[str, dict[str, Any]]:
+    """The column of time, and what a mapping says of it: of several that are named so the one with the finest steps."""
+    found = []
+    for index, name in enumerate(names[: len(table.header)]):
+        keys = time_keys(table, index, stated[index])
+        if keys is not None and (index == 0 or _TIME.match(table.header[index])):
+            named = bool(_TIME.match(table.header[index]))
+            found.append((named, len(set(table.cells(index))), -index, name, keys))
+    if not found:
+        raise InputError(f"{path}: no column of times that go on; its columns are {', '.join(table.header)[:600]}")
+    *_, name, keys = max(found, key=lambda one: one[:3])
+    return name, keys
 
 
 def _signal(name: str, topic: str, field: str, stated: str, values: Array, remarks: list[str]) -> dict[str, Any] | None:
@@ -277,9 +277,9 @@ def _turn_signs(path: Path, content: dict[str, Any], remarks: list[str]) -> None
 
     for _ in range(_MOST_TURNS):
         found = findings(import_recording(path, mapping=content))
-        turned = False
+        turned = _turn_axes(content, found, remarks)
         for finding in found:
-            if finding.kind is not Kind.SIGN or not finding.signal:
+            if finding.kind is not Kind.SIGN or not finding.signal or isinstance(finding.mend, Turn):
                 continue
             signal = _signal_of(content["topics"][finding.topic], finding.signal)
             if signal is None or "sign" in signal:
@@ -290,6 +290,83 @@ def _turn_signs(path: Path, content: dict[str, Any], remarks: list[str]) -> None
         if not turned:
             remarks += [f"look at {f.topic}: {sentence(f)}" for f in found if f.kind is not Kind.SIGN]
             return
+
+
+def _turn_axes(content: dict[str, Any], found: Sequence[Finding], remarks: list[str]) -> bool:
+    """Exchange and reverse the axes of vectors as findings say; True if there were any."""
+    turned = False
+    for finding in found:
+        fields = content["topics"].get(finding.topic, {})
+        if not isinstance(finding.mend, Turn) or finding.topic != "imu/data":
+            continue
+        for field in finding.mend.fields:
+            old = fields.get(field)
+            if not isinstance(old, list):
+                continue
+            matrix = np.array(finding.mend.matrix)
+            source = np.argmax(np.abs(matrix), axis=1)
+            fields[field] = [
+                None if old[axis] is None else _with_sign(old[axis], int(matrix[row, axis]))
+                for row, axis in enumerate(source)
+            ]
+            turned = True
+            reversed_ones = [one["column"] for one, new in zip(old, fields[field], strict=True) if one and new != one]
+            if finding.kind is Kind.SIGN:
+                remarks += [f"{column}: reversed, as {sentence(finding)}" for column in reversed_ones]
+        if finding.kind is not Kind.SIGN:
+            remarks.append(f"{finding.topic}: {sentence(finding)}")
+    return turned
+
+
+def _with_sign(signal: dict[str, Any], sign: int) -> dict[str, Any]:
+    """A signal with its sign multiplied."""
+    rest = {key: value for key, value in signal.items() if key != "sign"}
+    return rest if signal.get("sign", 1) * sign > 0 else rest | {"sign": -1}
+
+
+def _unit_of_forces(content: dict[str, Any], columns: Mapping[str, Array], remarks: list[str]) -> None:
+    """The unit of accelerations that state none, by the speed times the yaw rate, which is the lateral one."""
+    forces = content["topics"].get("imu/data", {}).get("linear_acceleration")
+    rate = (content["topics"].get("imu/data", {}).get("angular_velocity") or [None] * 3)[2]
+    speeds = _speeds(content["topics"])
+    if not forces or forces[1] is None or rate is None or not speeds:
+        return
+    names = [str(signal["column"]) for signal in (forces[1], rate, *speeds)]
+    if len({len(columns[name]) for name in names}) > 1:
+        return
+    side, turning, *rolling = (columns[name] for name in names)
+    factors = [
+        units.to_si(one["unit"]) * (1.0 if units.quantity_of(one["unit"]) == "velocity" else _RADIUS) for one in speeds
+    ]
+    speed = np.mean([values * factor for values, factor in zip(rolling, factors, strict=True)], axis=0)
+    expected = float(np.nanstd(speed * turning * units.to_si(rate["unit"])))
+    if expected < _LEAST_FORCE:
+        return
+    ratio = float(np.nanstd(side)) / expected
+    unit = "g" if _IN_G[0] < ratio < _IN_G[1] else "m/s²"
+    for signal in forces:
+        if (
+            signal is not None
+            and signal["unit"] != unit
+            and any(r.startswith(f"{signal['column']}: no unit") for r in remarks)
+        ):
+            signal["unit"] = unit
+            remarks.append(
+                f"{signal['column']}: {unit}, as the lateral acceleration is {ratio:.2g} times speed and yaw rate"
+            )
+
+
+def _per_metre(unit: str) -> float:
+    """What takes a speed, or the angular velocity of a wheel of usual radius, to m/s."""
+    return units.to_si(unit) * (1.0 if units.quantity_of(unit) == "velocity" else _RADIUS)
+
+
+def _speeds(topics: Mapping[str, Any]) -> list[dict[str, Any]]:
+    """The signals of a mapping that say how fast the car is."""
+    for topic in ("gps/velocity", "vehicle/velocity"):
+        if "speed" in topics.get(topic, {}):
+            return [topics[topic]["speed"]]
+    return list(topics.get("vehicle/wheel_speeds", {}).get("velocity", {}).values())
 
 
 def _signal_of(fields: Mapping[str, Any], name: str) -> dict[str, Any] | None:

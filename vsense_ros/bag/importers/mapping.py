@@ -19,14 +19,18 @@ A value is `sign * (scale * raw + offset)` in `unit`, turned into SI. `null` and
 `ignore_stated_unit: true`. Several columns (`column: [v_rl, v_rr]`) are averaged. A name that stands more than once is
 given by its number, counted from 1 (`column: 4`), or in a measurement file by its `group`.
 
+A table with one value a row names the columns of names and values, and the names stand where columns stand else:
+`rows: {name: PID, value: VALUE, unit: UNITS}`.
+
 Other forms of fields: `gps/fix` from local `east`, `north`, `up` with an `origin: {latitude, longitude, altitude}`;
 `gps/velocity` from velocities in the axes of the car, `forward`, `left` and its `heading` (clockwise from north);
 `vehicle/velocity` from `forward` and `left`, or a `speed` alone; `reference/odometry` from `speed` and `side_slip`,
 with `heading` instead of `yaw`.
 
-Units of time beside s, ms, us, ns, min, h: `iso` (2024-05-01T12:00:00.1Z), `hms` (12:00:00.1), `hhmmss` (120000.1) and
-`gps` (seconds of the GPS week; `week` is its number or a column). Those without a date count from the midnight of
-`start`.
+Units of time beside s, ms, us, ns, min, h, d: `iso` (2024-05-01T12:00:00.1Z, or as `format` says:
+`format: "%d-%b-%Y %H:%M:%S.%f"`), `hms` (12:00:00.1), `hhmmss` (120000.1) and `gps` (seconds of the GPS week; `week` is
+its number or a column). Those without a date count from the midnight of `start`; days of a spreadsheet are `d` with
+`start: 1899-12-30T00:00:00Z`.
 """
 
 from __future__ import annotations
@@ -173,8 +177,9 @@ class Time(_Model):
     """The time column. Measurement files bring their own time; there `column` is left out."""
 
     column: Name | None = Field(default=None, description="column by its name, or by its number from 1")
-    unit: str = Field(default="s", description="s, ms, us, ns, min, h, or iso, hms, hhmmss, gps")
+    unit: str = Field(default="s", description="s, ms, us, ns, min, h, d, or iso, hms, hhmmss, gps")
     start: datetime | None = Field(default=None, description="time of t = 0; without it t is Unix time")
+    format: str | None = Field(default=None, description="of unit iso, as Python's strptime has it: %d.%m.%Y %H:%M:%S")
     week: Name | None = Field(default=None, description="GPS week: its number, or the name of a column")
 
     @property
@@ -196,6 +201,14 @@ class Origin(_Model):
     altitude: float = Field(default=0.0, description="above the ellipsoid [m]")
 
 
+class Rows(_Model):
+    """The columns of a table that has one value a row; the other columns of a mapping are then names of values."""
+
+    name: str = Field(description="column with the names of the values")
+    value: str = Field(description="column with the values")
+    unit: str | None = Field(default=None, description="column with their units")
+
+
 class ColumnMapping(_Model):
     """The mapping of a table or a measurement file."""
 
@@ -209,6 +222,7 @@ class ColumnMapping(_Model):
         default=None, description="units stand in a line below the header; default: if it looks like one"
     )
     comment: str | None = Field(default=None, description="beginning of lines that are left out")
+    rows: Rows | None = Field(default=None, description="columns of a table that has one value a row")
     origin: Origin | None = Field(default=None, description="where local positions are counted from")
     topics: dict[str, dict[str, FieldMapping]] = Field(description="topics, their fields, and the signals of these")
 

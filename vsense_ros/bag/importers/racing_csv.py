@@ -69,7 +69,9 @@ def _above(path: Path) -> tuple[int, datetime | None]:
         for number in range(_MOST_LINES):
             cells = [cell.strip().strip('"') for cell in file.readline(1 << 16).decode("cp1252").strip().split('","')]
             cells = cells if len(cells) > 1 else [cell.strip().strip('"') for cell in cells[0].split(",")]
-            if cells[0] in _TIMES and len(cells) > 3:
+            while len(cells) > 1 and not cells[-1]:
+                cells.pop()  # a spreadsheet fills all lines up to the width of the table
+            if cells[0] in _TIMES and len(cells) > 2:
                 return number, None if day is None else _moment(day, clock)
             if cells[0] == "Date" and len(cells) > 1:
                 day = ", ".join(cells[1:]).strip(", ")

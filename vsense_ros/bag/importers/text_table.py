@@ -24,6 +24,7 @@ import pyarrow.csv
 
 from vsense_ros.bag.importers import build
 from vsense_ros.bag.importers.build import Array
+from vsense_ros.bag.importers.dialect import seconds_of
 from vsense_ros.bag.importers.mapping import CLOCKS, Column, ColumnMapping, Ref, unit_in_name
 from vsense_ros.errors import InputError
 from vsense_ros.messages import units
@@ -113,6 +114,40 @@ def read_table(path: Path, wanted: ColumnMapping) -> TextTable:
     return TextTable(path, lines.header, lines.units, columns, seconds, base, lines.notes)
 
 
+@dataclass
+class TextColumns:
+    """Columns of a table as texts, with their times: seconds after `base` [ns]."""
+
+    texts: list[list[str]]
+    time: Array
+    base: int | None
+    notes: list[str]
+
+
+def read_texts(path: Path, wanted: ColumnMapping, names: Sequence[str]) -> TextColumns:
+    """Some columns of a table as texts. Raises `InputError` as `read_table` does."""
+    if wanted.time.column is None:
+        raise InputError(f"{path}: the mapping names no time column; expected time: {{column: …, unit: s}}")
+    lines = _Lines(path, wanted)
+    time, *others = (index_of(path, lines.header, name, wanted.delimiter) for name in (wanted.time.column, *names))
+    as_text = wanted.time.unit in ("iso", "hms")
+    clocks: list[Any] = []
+    texts: list[list[str]] = [[] for _ in others]
+    for number, row in _rows(lines):
+        cell = row[time].strip() if time < len(row) else ""
+        clock = _clock_cell(cell, as_text, wanted)
+        if clock is None:
+            raise InputError(f"{path}, line {number}: expected a time, found {cell!r}")
+        clocks.append(clock)
+        for index, column in zip(others, texts, strict=True):
+            column.append(row[index].strip() if index < len(row) else "")
+    if not clocks:
+        raise InputError(f"{path}: no rows below the header")
+    raw = {time: pa.chunked_array([pa.array(clocks, pa.string())]) if as_text else np.array(clocks)}
+    seconds, base = _times(lines, time, raw, wanted, None)
+    return TextColumns(texts, seconds, base, lines.notes)
+
+
 class _Lines:
     """The beginning of a table: its encoding, header, units, and where the rows begin."""
 
@@ -130,7 +165,7 @@ class _Lines:
             for _ in range(wanted.skip_lines):
                 self._next(file)
             text = self._next(file)
-            while text is not None and not text.strip():
+            while text is not None and (not text.strip() or self.is_comment(text)):
                 text = self._next(file)
             self.header = [] if text is None else [name.strip() for name in self.split(text)]
             if not any(self.header):
@@ -192,6 +227,10 @@ class _Lines:
             raise InputError(f"{self.path}, line {self.line + 1}: longer than {_LONGEST_LINE} bytes, which is no table")
         self.line += 1
         return self.text(line).rstrip("\r\n")
+
+    def is_comment(self, text: str) -> bool:
+        """True for a line that the mapping's `comment` begins."""
+        return self.wanted.comment is not None and text.lstrip().startswith(self.wanted.comment)
 
     def split(self, text: str) -> list[str]:
         try:
@@ -292,7 +331,8 @@ def _rows(lines: _Lines) -> Iterator[tuple[int, list[str]]]:
         rows = csv.reader(texts(), delimiter=lines.wanted.delimiter, skipinitialspace=True)
         try:
             for row in rows:
-                if row and not (lines.wanted.comment and row[0].lstrip().startswith(lines.wanted.comment)):
+                # Torque repeats the header after each pause.
+                if any(row) and not lines.is_comment(row[0]) and [cell.strip() for cell in row] != lines.header:
                     yield lines.line + rows.line_num, row
         except csv.Error as error:
             raise InputError(f"{lines.path}, line {lines.line + rows.line_num}: not a table of text: {error}") from None
@@ -305,7 +345,7 @@ def _slow(lines: _Lines, indices: list[int], as_text: bool) -> dict[int, Any]:
     waiting: list[tuple[int, str]] = []  # lines that are no row, if nothing but such follow
     for number, row in _rows(lines):
         cells = [row[index].strip() if index < len(row) else "" for index in indices]
-        clock = _clock_cell(cells[0], as_text, lines.wanted.decimal)
+        clock = _clock_cell(cells[0], as_text, lines.wanted)
         if clock is None:
             message = (
                 f"{lines.path}, line {number}: the time column {lines.header[time_index]!r} is empty; every row needs "
@@ -335,11 +375,17 @@ def _slow(lines: _Lines, indices: list[int], as_text: bool) -> dict[int, Any]:
     }
 
 
-def _clock_cell(cell: str, as_text: bool, decimal: str) -> str | float | None:
+def _clock_cell(cell: str, as_text: bool, wanted: ColumnMapping) -> str | float | None:
+    if as_text and wanted.time.format is not None:
+        try:
+            seconds_of([cell], wanted.time.format)
+        except ValueError:
+            return None
+        return cell
     if as_text:
         return cell if _ISO.fullmatch(cell) or re.match(_CLOCK, cell) else None
     try:
-        value = float(cell.replace(decimal, "."))
+        value = float(cell.replace(wanted.decimal, "."))
     except ValueError:
         return None
     return value if math.isfinite(value) else None
@@ -364,7 +410,7 @@ def _times(
     """Seconds after the returned base [ns]; a base of None is that of the mapping."""
     unit, column = wanted.time.unit, raw[index]
     if unit == "iso":
-        return _iso(lines, column)
+        return _iso(lines, column) if wanted.time.format is None else _dates(lines, column, wanted.time.format)
     if unit == "hms":
         seconds = _hms(lines, column)
     elif unit == "hhmmss":
@@ -395,6 +441,17 @@ def _iso(lines: _Lines, column: pa.ChunkedArray) -> tuple[Array, int]:
         return (nanoseconds - base) * 1e-9, base
     first = next((text for text in column.to_pylist() if not _ISO.fullmatch(text)), column[0].as_py())
     raise InputError(f"{lines.path}: expected times as 2024-05-01T12:00:00.1Z all in one form, found {first!r}")
+
+
+def _dates(lines: _Lines, column: pa.ChunkedArray, form: str) -> tuple[Array, int]:
+    """Times in a form of the mapping: seconds after the first, and this [ns]."""
+    texts = column.to_pylist()
+    try:
+        seconds = seconds_of(texts, form)
+    except ValueError as error:
+        raise InputError(f"{lines.path}: expected times as {form!r} (key format of time): {error}") from None
+    base = math.floor(seconds[0])
+    return seconds - base, base * 1_000_000_000
 
 
 def _hms(lines: _Lines, column: pa.ChunkedArray) -> Array:
