@@ -9,7 +9,8 @@ PACKAGE = "vsense_ros"
 ROOT = Path(__file__).parent
 
 
-EXTRAS = ("explain", "fleet", "fmu", "formats", "foxglove", "reports", "tables", "all")  # each a file in requirements/
+# Each is a file in requirements/.
+EXTRAS = ("explain", "fleet", "fmu", "formats", "foxglove", "reports", "studio", "tables", "all")
 
 
 def requirement_names(file: str) -> list[str]:
@@ -62,7 +63,10 @@ setup(
     maintainer_email="maintainers@vsense-ros.example.com",
     python_requires=">=3.11",
     packages=find_packages(include=[PACKAGE, f"{PACKAGE}.*"]),
-    package_data={"": ["py.typed", "*.c", "*.cpp", "*.html", "templates/*.j2", "*.yaml", "*.xml", "*.json", "*.csv"]},
+    package_data={
+        "": ["py.typed", "*.c", "*.cpp", "*.html", "templates/*.j2", "*.yaml", "*.xml", "*.json", "*.csv"],
+        f"{PACKAGE}.studio": ["static/*.js", "static/*.css"],
+    },
     data_files=[
         ("share/ament_index/resource_index/packages", [f"resource/{PACKAGE}"]),
         (f"share/{PACKAGE}", ["package.xml"]),

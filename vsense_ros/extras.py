@@ -18,6 +18,7 @@ MODULES = {
     "fleet": ("distributed", "dask", "cryptography"),
     "foxglove": ("foxglove",),
     "fmu": ("fmpy",),
+    "studio": ("nicegui",),
     "tables": ("pandas", "polars", "xarray"),
 }
 

@@ -22,6 +22,7 @@ from vsense_ros.cli import (
     prepare,
     recordings,
     simulate,
+    studio,
     trust,
     vehicle,
     view,
@@ -29,7 +30,7 @@ from vsense_ros.cli import (
 from vsense_ros.cli.common import GroupedCommands
 
 HEADINGS = {
-    "Use": ("demo", "run", "filters", "view", "monitor"),
+    "Use": ("studio", "demo", "run", "filters", "view", "monitor"),
     "Prepare": (
         "new-vehicle", "can", "import", "info", "check", "calibrate", "datasets", "schema", "suspension", "compile"
     ),
@@ -85,6 +86,7 @@ for _command in (
     *demo.COMMANDS,
     *partition.COMMANDS,
     *view.COMMANDS,
+    *studio.COMMANDS,
 ):
     main.add_command(_command)
 main.headings = HEADINGS

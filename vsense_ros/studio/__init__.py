@@ -1,0 +1,1 @@
+"""The workbench: every stage from a vehicle file to an explained drive in a local browser page."""

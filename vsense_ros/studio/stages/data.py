@@ -1,0 +1,315 @@
+"""Data: recordings of every format, their signals as a tree, timeline, map and curves; mappings; joining."""
+
+from __future__ import annotations
+
+from html import escape
+from pathlib import Path
+from typing import Any
+
+from nicegui import ui
+
+from vsense_ros.errors import InputError
+from vsense_ros.files.names import harmless
+from vsense_ros.studio import actions, kit
+from vsense_ros.studio.jobs import Job, Status
+from vsense_ros.studio.project import Drive
+from vsense_ros.studio.stages.stage import Stage
+from vsense_ros.studio.workbench import Workbench
+
+_AT_FIRST = (
+    "imu/data/angular_velocity.z",
+    "imu/data/linear_acceleration.y",
+    "vehicle/steering",
+    "vehicle/wheel_speeds",
+    "speed",
+)
+_MOST_PLOTS = 14
+
+
+def build(bench: Workbench) -> None:
+    """Draw the stage."""
+    _opening(bench)
+    if not bench.drives:
+        kit.words("No recording yet. Choose one of the folders that were opened, or drop files on the field above.")
+        return
+    for drive in bench.drives:
+        _read(bench, drive)
+    names = {drive.path: drive.name for drive in bench.drives}
+    shown = bench.page.get("drive")
+    shown = shown if shown in names else bench.drives[0].path
+    with kit.panel("Recordings"):
+        for drive in list(bench.drives):
+            _row(bench, drive, drive.path == shown)
+        if len(bench.drives) > 1:
+            _joining(bench)
+    drive = next(one for one in bench.drives if one.path == shown)
+    if drive.key:
+        kit.follow(
+            bench,
+            bench.job(drive.key),
+            f"Reading {drive.name}",
+            lambda job: _show(bench, drive, job),
+            lambda: _again(bench, drive),
+        )
+        if bench.job(drive.key).status is Status.FAILED:
+            _mapping(bench, drive)
+    kit.show_action(actions.info(drive))
+
+
+def _opening(bench: Workbench) -> None:
+    known = {drive.path for drive in bench.drives}
+    choice = {path: name for path, name in bench.project.recordings().items() if path not in known}
+    with ui.element("div").classes("vs-row"):
+        chosen = ui.select(choice, label="Open a recording of an opened folder", with_input=True)
+        chosen.props("dense outlined").classes("vs-select")
+        chosen.on_value_change(lambda event: _open(bench, event.value))
+        upload = ui.upload(label="Drop recordings, databases (.dbc) and mappings here", multiple=True, auto_upload=True)
+        upload.props("flat bordered dense").classes("vs-upload")
+        upload.on_upload(lambda event: _uploaded(bench, event))
+
+
+def _open(bench: Workbench, path: str | None) -> None:
+    if path and path not in {drive.path for drive in bench.drives}:
+        bench.drives.append(Drive(path))
+        bench.page["drive"] = path
+        bench.project.save()
+        bench.refresh()
+
+
+async def _uploaded(bench: Workbench, event: Any) -> None:
+    path = bench.project.keep(event.file.name, await event.file.read())
+    if path.suffix.lower() in (".dbc", ".yaml", ".yml"):
+        ui.notify(f"{path.name} is kept in the project; choose it at the recording that needs it", position="top")
+        bench.refresh()
+    else:
+        _open(bench, str(path))
+
+
+def _read(bench: Workbench, drive: Drive) -> None:
+    """Start reading a recording, unless it has been read with this content."""
+
+    def start() -> None:
+        job = bench.start("read", bench.source(drive), [drive])
+        if job.key != drive.key:
+            drive.key = job.key
+            bench.project.save()
+
+    kit.attempt(start)
+
+
+def _again(bench: Workbench, drive: Drive) -> None:
+    drive.key = ""
+    bench.refresh()
+
+
+def _row(bench: Workbench, drive: Drive, current: bool) -> None:
+    job = bench.job(drive.key) if drive.key else None
+    status = str(job.status) if job is not None else "failed"
+    with ui.element("div").classes(f"vs-drive {'current' if current else ''}"):
+        name = ui.button(drive.name, on_click=lambda: _select(bench, drive)).props("flat dense no-caps")
+        name.tooltip(drive.path)
+        if job is not None and job.status is Status.DONE:
+            result = job.result
+            ui.label(f"{result['duration']:.1f} s").classes("vs-number")
+            ui.label(f"{len(result['topics'])} topics").classes("vs-number")
+            problems = result["problems"]
+            ui.label(f"{problems} to look at" if problems else "nothing looks wrong").classes(
+                "warn" if problems else "good"
+            )
+        else:
+            ui.label(status)
+        held = ui.checkbox("held out", value=drive.held_out).props("dense")
+        held.tooltip("Kept for validation: Identify and Explain do not fit to it")
+        held.on_value_change(lambda event: _hold_out(bench, drive, bool(event.value)))
+        remove = ui.button("Remove", on_click=lambda: _remove(bench, drive)).props("flat dense no-caps size=sm")
+        remove.props(f'aria-label="Remove {escape(drive.name)}"')
+
+
+def _select(bench: Workbench, drive: Drive) -> None:
+    bench.page["drive"] = drive.path
+    bench.page.pop("signals", None)
+    bench.refresh()
+
+
+def _hold_out(bench: Workbench, drive: Drive, value: bool) -> None:
+    drive.held_out = value
+    bench.project.save()
+    bench.refresh()
+
+
+def _remove(bench: Workbench, drive: Drive) -> None:
+    bench.drives.remove(drive)
+    bench.project.save()
+    bench.refresh()
+
+
+def _joining(bench: Workbench) -> None:
+    target = bench.project.folder / "recordings" / f"{harmless(Path(bench.drives[0].path).stem)}_joined"
+
+    def start() -> None:
+        sources = [bench.source(drive) for drive in bench.drives]
+        options = {"recordings": sources, "target": str(target), "keep_times": keep.value}
+        job = bench.start("join", options, list(bench.drives))
+        bench.project.remember("join", job.key)
+        bench.refresh()
+
+    def joined(job: Job) -> None:
+        kit.sentences(job.result["notes"] or ["Their clocks agree."])
+        ui.button("Use the joined recording", on_click=lambda: _use_joined(bench, job.result["target"])).props(
+            "flat no-caps dense"
+        )
+
+    with ui.expansion("Join all: several loggers of one drive").props("dense"):
+        kit.words("The offsets between their clocks are estimated from the motion that all of them measure.")
+        keep = ui.checkbox("their clocks agree already: shift none").props("dense")
+        ui.button("Join", on_click=lambda: kit.attempt(start)).props("unelevated no-caps dense")
+        if (job := bench.newest("join")) is not None:
+            kit.follow(bench, job, "Joining", joined, lambda: kit.attempt(start))
+        kit.show_action(actions.join(bench.drives, str(target)))
+
+
+def _use_joined(bench: Workbench, target: str) -> None:
+    bench.project.state.drives = []
+    _open(bench, target)
+
+
+def _mapping(bench: Workbench, drive: Drive) -> None:
+    """What a recording whose columns are not known needs: a database, and a mapping that is proposed and confirmed."""
+    uploads = bench.project.folder / "uploads"
+    with kit.panel("Which column is what?", "a proposal to be looked at line by line, then confirmed"):
+        databases = {
+            str(path): path.name for place in (uploads, Path(drive.path).parent) for path in place.glob("*.dbc")
+        }
+        database = ui.select({"": "none", **databases}, value=drive.database, label="Database of a CAN log")
+        database.props("dense outlined").classes("vs-select")
+
+        def ask() -> None:
+            drive.database = database.value or ""
+            options = {**bench.source(drive), "mapping": ""}
+            job = bench.start("propose", options, [drive])
+            bench.project.remember("propose", job.key)
+            bench.refresh()
+
+        def proposed(job: Job) -> None:
+            kit.sentences(job.result["remarks"])
+            text = (
+                ui.textarea(value=job.result["text"]).props('outlined autogrow aria-label="Mapping"').classes("vs-yaml")
+            )
+            ui.button("Use this mapping", on_click=lambda: confirm(text.value)).props("unelevated no-caps dense")
+
+        def confirm(text: str) -> None:
+            path = bench.project.folder / "uploads" / f"{harmless(drive.name)}.mapping.yaml"
+            path.write_text(text, encoding="utf-8")
+            drive.mapping, drive.database, drive.key = str(path), database.value or "", ""
+            bench.project.save()
+            bench.refresh()
+
+        ui.button("Propose a mapping", on_click=lambda: kit.attempt(ask)).props("flat no-caps dense")
+        if (job := bench.newest("propose")) is not None and job.task["options"]["path"] == drive.path:
+            kit.follow(bench, job, "Looking at the columns", proposed, lambda: kit.attempt(ask))
+
+
+def _show(bench: Workbench, drive: Drive, job: Job) -> None:
+    result = job.result
+    curves = bench.curves(job)
+    if curves is None:
+        raise InputError(f"{drive.name}: its curves are no longer there; remove it and open it again")
+    kit.sentences(result["notes"][:6])
+    with ui.element("div").classes("vs-columns data"):
+        with ui.element("div"):
+            with kit.panel("Signals", "those that are ticked are shown"):
+                _tree(bench, curves.signals)
+            with kit.panel("Path"):
+                paths = [{"set": f"{job.key}/curves", "x": "east", "y": "north", "label": drive.name}]
+                if "north" in curves.signals:
+                    kit.View("Path", {"paths": paths, "label": f"Path of {drive.name}", "height": 280})
+                else:
+                    kit.words("There is no position in this recording.")
+        with ui.element("div"):
+            with kit.panel("Timeline of the sensors", "gaps are white; held values are named"):
+                ui.html(timeline(result), sanitize=False).classes("vs-timeline")
+            with kit.panel("Curves", "drag to zoom, double click shows all, arrow keys move the cursor"):
+                shown = bench.page.setdefault("signals", _at_start(curves.signals))
+                bench.page["board"] = kit.View("Board", board(f"{job.key}/curves", curves.signals, shown, result))
+
+
+def _at_start(signals: dict[str, Any]) -> list[str]:
+    return [name for name in signals if name.startswith(_AT_FIRST) and ":" not in name][:8]
+
+
+def board(key: str, signals: dict[str, Any], shown: list[str], result: dict[str, Any]) -> dict[str, Any]:
+    """Plots of some signals of a recording, those of one topic and unit in one plot."""
+    plots: dict[tuple[str, str], list[dict[str, Any]]] = {}
+    for name in shown:
+        about = signals[name]
+        plots.setdefault((about["topic"], about["unit"]), []).append(
+            {"set": key, "name": name, "label": about["label"]}
+        )
+    colours = ("#0b63b6", "#b4540a", "#0a7a53", "#8a3ea8", "#a8123e", "#4c5a00", "#006b7d", "#6b4a2b")
+    made = []
+    for (topic, unit), traces in list(plots.items())[:_MOST_PLOTS]:
+        for i, trace in enumerate(traces):
+            trace["color"] = colours[i % len(colours)]
+        made.append({"title": topic, "unit": unit, "traces": traces, "height": 130})
+    return {"axis": "time", "xlabel": "time [s]", "end": result["duration"], "plots": made, "marks": []}
+
+
+def _tree(bench: Workbench, signals: dict[str, Any]) -> None:
+    topics: dict[str, list[str]] = {}
+    for name, about in signals.items():
+        topics.setdefault(about["topic"], []).append(name)
+    nodes = [
+        {
+            "id": topic,
+            "label": topic,
+            "children": [
+                {"id": name, "label": f"{signals[name]['label']} [{signals[name]['unit']}]"} for name in names
+            ],
+        }
+        for topic, names in topics.items()
+    ]
+    shown = bench.page.setdefault("signals", _at_start(signals))
+    tree = ui.tree(nodes, tick_strategy="leaf", on_tick=lambda event: _ticked(bench, signals, event.value))
+    tree.tick(shown).props("dense").classes("vs-tree")
+
+
+def _ticked(bench: Workbench, signals: dict[str, Any], names: list[str]) -> None:
+    bench.page["signals"] = [name for name in signals if name in names]
+    view = bench.page.get("board")
+    if view is not None:
+        first = view._props["spec"]
+        key = first["plots"][0]["traces"][0]["set"] if first["plots"] else bench.page["set"]
+        bench.page["set"] = key
+        view.show(board(key, signals, bench.page["signals"], {"duration": first["end"]}))
+
+
+def timeline(result: dict[str, Any]) -> str:
+    """A bar for each topic over the time of the recording, with its rate, and white where it has gaps."""
+    end = max([result["duration"], *(one["end"] for one in result["topics"])]) or 1.0
+    rows = []
+    for one in result["topics"]:
+        gaps = "".join(
+            f'<u style="left:{100 * start / end:.2f}%;width:{max(100 * length / end, 0.15):.2f}%"></u>'
+            for start, length in one["gaps"]
+        )
+        left, width = 100 * one["begin"] / end, 100 * (one["end"] - one["begin"]) / end
+        rate = f"{one['rate']:.4g} Hz" if one["rate"] == one["rate"] else "–"
+        held = ", ".join(f"{name} held for {count} messages" for name, count in one["held"].items())
+        gap_words = f"{len(one['gaps'])} gaps" if one["gaps"] else ""
+        words = ", ".join(filter(None, (rate, gap_words, held)))
+        kind = "warn" if one["problems"] else ""
+        rows.append(
+            f'<div class="vs-lane"><span>{escape(one["topic"])}</span><span class="lane {kind}" role="img" '
+            f'aria-label="{escape(one["topic"])}: {escape(words)}"><i style="left:{left:.2f}%;width:{width:.2f}%"></i>'
+            f"{gaps}</span><span>{escape(words)}</span></div>"
+        )
+    return "".join(rows)
+
+
+STAGE = Stage(
+    "data",
+    "Data",
+    "Recordings of every format: what was measured, how often, where, and what is missing.",
+    build,
+    lambda bench: "done" if bench.drives else "ready",
+)

@@ -1,0 +1,131 @@
+"""Reading recordings: their curves, streams, path and laps."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+import vsense_ros as vs
+from vsense_ros.api.recording import read_all
+from vsense_ros.bag import write_bag
+from vsense_ros.bag.importers.guess import guess
+from vsense_ros.bag.join import joined
+from vsense_ros.checks.held import period_of_updates
+from vsense_ros.checks.inspect import TopicInfo, inspect
+from vsense_ros.checks.subject import measured
+from vsense_ros.evaluate.signals import find_channel
+from vsense_ros.messages.laps import FIX, METRES, laps
+from vsense_ros.messages.recording import Recording
+from vsense_ros.model.sensors import known_topics
+from vsense_ros.studio.curves import DISTANCE, CurveWriter, driven
+
+CURVES = "curves"
+EAST, NORTH, SPEED = "east", "north", "speed"
+_GAPS_SHOWN = 200  # of one topic on the timeline
+_SPEED_TOPICS = (("gps/velocity", 2), ("vehicle/velocity", 2), ("vehicle/speed", 1), ("reference/odometry", 2))
+
+
+def recording_of(one: Mapping[str, Any]) -> Recording:
+    """A recording of the project: its path, with the mapping and the database that its format may need."""
+    options = {key: one[key] for key in ("mapping", "dbc") if one.get(key)}
+    return vs.read(one["path"], **options)
+
+
+def recordings_of(chosen: list[dict[str, Any]]) -> list[Recording]:
+    """Several recordings of the project, with names that are distinct."""
+    return read_all([recording_of(one) for one in chosen])[0]
+
+
+def read(options: dict[str, Any], folder: Path, progress: Callable[[float], None]) -> dict[str, Any]:
+    """Read a recording: curves of all its signals, and what a timeline and a map show."""
+    recording = recording_of(options)
+    progress(0.5)
+    write_curves(recording, folder / CURVES)
+    progress(0.8)
+    found = inspect(recording, known_topics())
+    return {
+        "name": recording.name,
+        "duration": recording.duration,
+        "notes": list(recording.notes),
+        "missing": list(found.missing),
+        "topics": [_stream(info, recording) for info in found.topics],
+        "problems": len(found.problems),
+        "curves": CURVES,
+    }
+
+
+def _stream(info: TopicInfo, recording: Recording) -> dict[str, Any]:
+    channel = recording[info.topic]
+    first = recording.first_stamp
+    seconds = (channel.stamp - first) * 1e-9
+    held = {name: period for name, values in measured(channel) if (period := period_of_updates(values[:, None]))}
+    return {
+        "topic": info.topic,
+        "kind": info.kind.split("/")[-1],
+        "count": info.count,
+        "rate": info.rate_hz,
+        "begin": float(seconds.min()) if len(seconds) else 0.0,
+        "end": float(seconds.max()) if len(seconds) else 0.0,
+        "gaps": [[gap.start, gap.length] for gap in info.gaps[:_GAPS_SHOWN]],
+        "latency": info.latency_median,
+        "held": held,
+        "problems": list(info.problems),
+    }
+
+
+def write_curves(recording: Recording, folder: Path) -> None:
+    """Curves of all signals of a recording over the time since its first stamp, with path, distance and laps."""
+    limits = [(lap.first_stamp - recording.first_stamp) * 1e-9 for lap in laps(recording)]
+    writer = CurveWriter(folder, name=recording.name, laps=[*limits, recording.duration] if len(limits) > 1 else [])
+    for table in recording.tables():
+        time = table.seconds(recording.first_stamp)
+        for column in table.columns:
+            if not column.is_absent:
+                part = column.name.removeprefix(f"{table.name}/").removeprefix(table.name).strip("/.") or "value"
+                label = part.replace("_", " ")
+                writer.add(time, {column.name: column.value}, unit=column.unit, label=label, topic=table.name)
+    _add_path(recording, writer)
+    writer.close()
+
+
+def _add_path(recording: Recording, writer: CurveWriter) -> None:
+    fix = find_channel(recording, FIX)
+    if fix is not None:
+        latitude, longitude = (fix.columns[name][:, 0] for name in ("latitude", "longitude"))
+        good = np.isfinite(latitude) & np.isfinite(longitude)
+        if good.any():
+            origin = latitude[good][0], longitude[good][0]
+            east = METRES * (longitude - origin[1]) * np.cos(np.radians(origin[0]))
+            north = METRES * (latitude - origin[0])
+            time = (fix.stamp - recording.first_stamp) * 1e-9
+            order = np.argsort(time[good], kind="stable")
+            values = {EAST: east[good][order], NORTH: north[good][order]}
+            writer.add(time[good][order], values, unit="m", label="path", topic="path")
+    for topic, count in _SPEED_TOPICS:
+        channel = find_channel(recording, topic)
+        if channel is not None:
+            speed = np.linalg.norm(channel.columns["linear"][:, :count], axis=1)
+            time = (channel.stamp - recording.first_stamp) * 1e-9
+            order = np.argsort(time, kind="stable")
+            time, speed = time[order], speed[order]
+            writer.add(time, {SPEED: speed}, unit="m/s", label="speed", topic="path")
+            writer.add(time, {DISTANCE: driven(time, speed)}, unit="m", label="distance", topic="path")
+            return
+
+
+def propose(options: dict[str, Any], folder: Path, progress: Callable[[float], None]) -> dict[str, Any]:
+    """Propose a mapping for a table, a measurement file or a bag."""
+    proposal = guess(Path(options["path"]), Path(options["dbc"]) if options.get("dbc") else None)
+    return {"text": proposal.text, "remarks": list(proposal.remarks)}
+
+
+def join(options: dict[str, Any], folder: Path, progress: Callable[[float], None]) -> dict[str, Any]:
+    """Join recordings of one drive by the motion that all of them measure, and write the bag to `target`."""
+    recordings = recordings_of(options["recordings"])
+    progress(0.4)
+    whole = joined(recordings, keep_times=bool(options.get("keep_times")))
+    write_bag(Path(options["target"]), whole, overwrite=True)
+    return {"target": options["target"], "notes": list(whole.notes)}

@@ -1,0 +1,48 @@
+"""Parameters of a car from the recordings of the project."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import vsense_ros as vs
+from vsense_ros.api.identification import write_identification
+from vsense_ros.identification import identification_report
+from vsense_ros.identification.car_identification import CarIdentification
+from vsense_ros.studio.tasks.data import recordings_of
+
+
+def identify(options: dict[str, Any], folder: Path, progress: Callable[[float], None]) -> dict[str, Any]:
+    """Identify a car; writes vehicle.yaml, report.html and identification.json as the command does."""
+    drives, proof = recordings_of(options["recordings"]), recordings_of(options["held_out"])
+    found = vs.identify(drives, options["vehicle"], model=options["model"], hold_out=proof, progress=progress)
+    write_identification(found, folder)
+    files = {"vehicle": str(folder / "vehicle.yaml"), "report": "report.html"}
+    if isinstance(found, CarIdentification):
+        rows = [
+            {"name": name, "before": before, "after": after, "deviation": deviation, "unit": "",
+             "determined": determined}
+            for name, (before, after, deviation, determined) in found.parameters.items()
+        ]  # fmt: skip
+        return {**files, "rows": rows, "passes": [], "fits": {}, "sentences": [], "side_slip": {}}
+    names = found.found.names
+    refused = {refusal.name for refusal in found.refused}
+    rows = [
+        {
+            "name": name, "before": found.start[name], "after": float(value), "deviation": float(deviation),
+            "unit": identification_report.unit_of(name), "determined": name not in refused and name in found.free,
+            "of_sensor": name not in found.free,
+        }
+        for name, value, deviation in zip(names, found.found.values, found.found.deviations, strict=True)
+    ]  # fmt: skip
+    passes = [[found.start[name] for name in names], *(one.values.tolist() for one in found.rinsed.passes)]
+    return {
+        **files,
+        "rows": rows,
+        "passes": passes,
+        "fits": found.fits,
+        "held_out": list(found.held_out),
+        "side_slip": found.side_slip,
+        "sentences": found.sentences(),
+    }
