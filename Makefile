@@ -16,7 +16,7 @@ export OMP_NUM_THREADS ?= 1
 export OPENBLAS_NUM_THREADS ?= 1
 
 .DEFAULT_GOAL := help
-.PHONY: own-car help venv check test exam lint docs format house demo bench bench-against best thesis genesis road truth \
+.PHONY: own-car studio-test help venv check test exam lint docs format house demo bench bench-against best thesis genesis road truth \
 	leung blind recordings bags hw-tools hw hw-timing arm accelerator vehicle fuzz release clean
 
 help: ## this list
@@ -73,6 +73,10 @@ bench-against: venv ## this checkout beside another REVISION, timed in turn: rat
 
 genesis: venv ## the observer on the third Genesis lap, with parameters from the two others, to out/genesis.json
 	$(VENV)/bin/python -m studies genesis
+
+# AXE=axe.min.js of axe-core (npm pack axe-core) checks the accessibility as well.
+studio-test: venv ## the workbench in the system's Chromium, from the car to the comparison of estimates, to out/studio.json
+	$(VENV)/bin/python tools/studio_test.py $(if $(AXE),--axe $(AXE)) --film docs/pictures/studio.webp
 
 own-car: venv ## a newcomer's way with cars that are not ours, to out/own_car.json
 	$(VENV)/bin/python -m studies own-car

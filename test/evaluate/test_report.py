@@ -90,6 +90,21 @@ def test_the_page_stands_alone_and_says_everything(whole, tmp_path):
     assert "10 Hz" in reader.text
 
 
+def test_provenance_stands_on_top_of_the_page(whole, still, tmp_path):
+    origin = {"software": "vsense_ros 1, commit abc", "recording": "lap.mcap, SHA-256 0123"}
+    page = write_report([whole], tmp_path / "r.html", title="r", pictures=still, provenance=origin).read_text()
+    for words in ("vsense_ros 1, commit abc", "lap.mcap, SHA-256 0123"):
+        assert page.index("<h1>") < page.index(words) < page.index("<h2>")
+
+
+def test_every_plot_has_a_legend_of_its_own_and_the_cursor_goes_through_all(whole, still, tmp_path):
+    page = write_report([whole], tmp_path / "r.html", title="r", pictures=still).read_text()
+    legends = set(re.findall(r'"legend":"(legend\d*)"', page))
+    plots = len(set(re.findall(r'"yaxis":"(y\d*)"', page)))
+    assert len(legends) == plots > 1
+    assert len(set(re.findall(r'"xaxis":"(x\d*)"', page))) == 1
+
+
 def test_the_curves_offer_no_upload(whole, still, tmp_path):
     page = write_report([whole], tmp_path / "report.html", title="private", pictures=still).read_text()
     assert '"showSendToCloud": false' in page

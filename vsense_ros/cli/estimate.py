@@ -72,11 +72,16 @@ def run(
     (folder / "summary.json").write_text(json.dumps({name: drive.summary()}, indent=2) + "\n", encoding="utf-8")
     if report:
         from vsense_ros.evaluate.picture import draw
+        from vsense_ros.evaluate.provenance import provenance
         from vsense_ros.evaluate.report import write_report
+        from vsense_ros.files.installed import vehicle_path
 
         with waiting("drawing"):
             picture = draw(drive, folder / "picture")[0]
-            write_report([drive], folder / "report.html", title=drive.title, pictures={name: picture})
+            origin = provenance(vehicle=vehicle_path(vehicle), recording=bag, filter=chosen or "")
+            write_report(
+                [drive], folder / "report.html", title=drive.title, pictures={name: picture}, provenance=origin
+            )
     show_drive(drive, console())
     say(f"Results in {folder}.")
     if result.failure:

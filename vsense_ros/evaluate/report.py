@@ -22,6 +22,7 @@ from vsense_ros.messages.topics import WHEELS
 
 BEYOND = "Tyre forces beyond what is felt, of the weight or the load at rest"
 _OF_SHARES = (TRUTH, WHEEL_COLOURS["fl"], WHEEL_COLOURS["rr"])
+START_UP = 20  # the first part of this many of a drive may exceed the axes of forces
 ROW_HEIGHT = 190  # of one interactive plot [px]
 INTERACTIVE = (
     "side_slip",
@@ -35,11 +36,17 @@ INTERACTIVE = (
 
 
 def write_report(
-    drives: Sequence[Drive], path: Path, *, title: str, pictures: Mapping[str, Path] | None = None
+    drives: Sequence[Drive],
+    path: Path,
+    *,
+    title: str,
+    pictures: Mapping[str, Path] | None = None,
+    provenance: Mapping[str, str] | None = None,
 ) -> Path:
     """Write the page about `drives` to `path`.
 
     `pictures` maps the names of drives to PNG files that exist already; the others are drawn for the page.
+    `provenance` says by name where the results come from (`evaluate/provenance.py`), for the top of the page.
     """
     return write_page(
         path,
@@ -48,6 +55,7 @@ def write_report(
         title=title,
         headings=HEADINGS,
         legend=LEGEND,
+        provenance=provenance or {},
         plotly=get_plotlyjs(),
         drives=[_section(drive, (pictures or {}).get(drive.name)) for drive in drives],
     )
@@ -107,20 +115,23 @@ def _interactive(drive: Drive) -> str:
             *([BEYOND] * sums),
         ],
     )
-    explained: set[str] = set()
+    last = len(rows) + sums
     for row, (_, unit, names) in enumerate(rows, start=1):
+        explained: set[str] = set()
         for name in names:
             wheel = name.split("_")[2] if name.startswith("wheel_force_") else ""
             label, colour = wheel.upper() or "estimate", WHEEL_COLOURS.get(wheel, ESTIMATE)
             for trace in _traces(estimates[name], truths.get(name), start, label, colour):
                 trace.showlegend = trace.name is not None and trace.name not in explained
                 explained.add(trace.name)
+                trace.legend = _legend(row)
                 figure.add_trace(trace, row=row, col=1)
         figure.update_yaxes(title_text=f"[{unit}]", row=row, col=1)
-        if len(names) == 1:
-            figure.update_yaxes(range=value_limits(estimates[names[0]], truths.get(names[0])), row=row, col=1)
+        limits = [_limits(estimates[name], truths.get(name)) for name in names]
+        figure.update_yaxes(range=(min(low for low, _ in limits), max(high for _, high in limits)), row=row, col=1)
     if drive.balance is not None:
         for trace in _unbalanced(drive.balance, start):
+            trace.legend = _legend(last)
             figure.add_trace(trace, row=len(rows) + 1, col=1)
         figure.update_yaxes(title_text="[%]", row=len(rows) + 1, col=1)
     figure.update_xaxes(title_text="time [s]", row=len(rows) + sums, col=1)
@@ -133,9 +144,19 @@ def _interactive(drive: Drive) -> str:
         plot_bgcolor="white",
         paper_bgcolor="white",
         font={"family": "system-ui, DejaVu Sans, sans-serif", "size": 12, "color": MUTED},
-        legend={"orientation": "h", "x": 1.0, "xanchor": "right", "y": 1.0, "yanchor": "bottom"},
         hovermode="x",
-    )
+        hoversubplots="axis",
+        **{
+            _legend(row): {
+                "orientation": "h", "x": 1.0, "xanchor": "right", "yanchor": "bottom", "font": {"size": 11},
+                "y": figure.layout[f"yaxis{row if row > 1 else ''}"].domain[1],
+            }
+            for row in range(1, last + 1)
+        },
+    )  # fmt: skip
+    # One axis for all plots, so that the cursor is a line through all of them.
+    figure.update_traces(xaxis=f"x{last}" if last > 1 else "x")
+    figure.update_xaxes(showspikes=True, spikemode="across", spikethickness=1, spikecolor=TRUTH, spikesnap="cursor")
     config = {
         "displaylogo": False,
         "responsive": True,
@@ -144,6 +165,23 @@ def _interactive(drive: Drive) -> str:
     }
     named = re.sub(r"\W+", "-", f"plot-{drive.name}")
     return str(figure.to_html(full_html=False, include_plotlyjs=False, config=config, div_id=named))
+
+
+def _legend(row: int) -> str:
+    """Name of the legend of a plot."""
+    return "legend" if row == 1 else f"legend{row}"
+
+
+def _limits(estimate: Series, truth: Series | None) -> tuple[float, float]:
+    """Limits of an axis that show the curves after start-up; a force has no band drawn into its plot with others."""
+    if not estimate.signal.name.startswith("wheel_force_"):
+        return value_limits(estimate, truth)
+    shown = estimate.shown()
+    settled = shown[len(shown) // START_UP :]
+    others = truth.shown() if truth is not None else settled
+    low, high = float(min(settled.min(), others.min())), float(max(settled.max(), others.max()))
+    margin = 0.08 * (high - low) or 1.0
+    return low - margin, high + margin
 
 
 def _unbalanced(found: Balance, start: int) -> list[go.Scatter]:

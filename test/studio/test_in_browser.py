@@ -1,0 +1,105 @@
+"""The workbench as a user meets it: clicks and keys in a real browser."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from studio.browser import ROOT, boards_are_drawn, go, opened, run, served
+
+BAG = ROOT / "bags" / "double_lane_change"
+CAR = ROOT / "config" / "vehicles" / "prototype_model.yaml"
+pytestmark = pytest.mark.slow
+
+
+@pytest.fixture(scope="module")
+def address(tmp_path_factory: pytest.TempPathFactory) -> Any:
+    with served(tmp_path_factory.mktemp("studio"), BAG, CAR) as found:
+        yield found
+
+
+def test_a_recording_is_read_checked_and_estimated_by_clicks(address: str) -> None:
+    with opened() as page:
+        page.goto(address)
+        page.get_by_text("Figures beside those of real cars").wait_for()
+        go(page, "data")
+        boards_are_drawn(page)
+        assert page.locator("canvas[aria-label*='imu/data']").count() >= 1
+        go(page, "check")
+        run(page, "Run check", "nothing looks wrong")
+        go(page, "estimate")
+        run(page, "Estimate this recording", "Tyre forces from above")
+        boards_are_drawn(page)
+        assert page.get_by_text("Against the reference").count() == 1
+        assert not page.errors
+
+
+def test_keys_move_the_cursor_and_zoom_and_values_are_shown(address: str) -> None:
+    with opened() as page:
+        page.goto(address)
+        go(page, "data")
+        boards_are_drawn(page)
+        board = page.locator(".vs-board").first
+        board.focus()
+        page.keyboard.press("ArrowRight")
+        page.locator(".vs-legend-entry b").first.wait_for()
+        page.wait_for_function("document.querySelector('.vs-legend-entry b').textContent !== ''")
+        before = page.evaluate("VSense.link('main').window")
+        page.keyboard.press("+")
+        begin, end = page.evaluate("VSense.link('main').window")
+        assert before is None
+        assert 0 <= begin < end < 12
+        page.keyboard.press("Home")
+        assert page.evaluate("VSense.link('main').window[0]") == 0
+
+
+def test_a_reload_shows_the_same_stage_and_its_result(address: str) -> None:
+    with opened() as page:
+        page.goto(address)
+        go(page, "check")
+        run(page, "Run check", "nothing looks wrong")
+        page.reload()
+        page.get_by_text("nothing looks wrong").first.wait_for()
+        assert page.locator("button[data-stage=check][aria-current=page]").count() == 1
+
+
+def test_two_tabs_show_the_same_project(address: str) -> None:
+    with opened() as page:
+        page.goto(address)
+        second = page.context.new_page()
+        second.goto(address.partition("?")[0])
+        go(page, "data")
+        boards_are_drawn(page)
+        page.get_by_role("checkbox", name="held out").first.click()
+        go(second, "data")
+        second.locator("[role=checkbox][aria-checked=true][aria-label='held out']").wait_for()
+        page.get_by_role("checkbox", name="held out").first.click()
+
+
+@pytest.mark.parametrize("stage", ["car", "data", "check", "estimate", "identify", "explain", "compare", "live"])
+def test_no_stage_is_wider_than_a_phone(address: str, stage: str) -> None:
+    with opened(width=400) as page:
+        page.goto(address)
+        go(page, stage)
+        page.locator("main h1").wait_for()
+        assert page.evaluate("document.documentElement.scrollWidth") <= 400
+
+
+def test_a_wrong_token_and_another_origin_get_a_sentence(address: str) -> None:
+    with opened() as page:
+        answer = page.goto(address.partition("token=")[0] + "token=wrong")
+        assert answer.status == 403
+        assert "token" in page.inner_text("body")
+
+
+def test_results_of_a_killed_workbench_are_there_when_it_starts_again(tmp_path: Path) -> None:
+    with served(tmp_path, BAG, CAR) as first, opened() as page:
+        page.goto(first)
+        go(page, "check")
+        run(page, "Run check", "nothing looks wrong")
+    with served(tmp_path) as again, opened() as page:
+        page.goto(again)
+        go(page, "check")
+        page.get_by_text("nothing looks wrong").first.wait_for()
