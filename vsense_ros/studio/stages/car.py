@@ -63,10 +63,10 @@ MAIN = (
     "front_share",
     "cog_height_over_track",
     "yaw_inertia_over_arms",
-    "body_frequency",
-    "body_damping",
-    "wheel_frequency",
-    "cornering_over_load",
+    "bounce_frequency",
+    "damping_ratio",
+    "wheel_hop_frequency",
+    "cornering_per_load",
     "steering_ratio",
 )
 

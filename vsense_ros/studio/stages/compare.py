@@ -16,6 +16,7 @@ from vsense_ros.studio.stages.stage import Stage
 from vsense_ros.studio.workbench import Workbench
 
 COLOURS = ("#0b63b6", "#b4540a")
+_SAME_IN_BOTH = ("trivial",)  # scores that do not depend on the run
 
 
 def name_of(job: Job) -> str:
@@ -104,11 +105,9 @@ def _scores(a: dict[str, Any], b: dict[str, Any]) -> None:
     if not both:
         return
     with kit.panel("Scores against the reference"):
-        heads = ("signal", *(f"{heading}, {run}" for heading in HEADINGS for run in "AB"))
-        rows = [
-            (one["label"], *(cell for pair in zip(one["cells"], other["cells"], strict=True) for cell in pair))
-            for one, other in both
-        ]
+        chosen = [i for i, heading in enumerate(HEADINGS) if heading not in _SAME_IN_BOTH]
+        heads = ("signal", *(f"{HEADINGS[i]}, {run}" for i in chosen for run in "AB"))
+        rows = [(one["label"], *(run["cells"][i] for i in chosen for run in (one, other))) for one, other in both]
         kit.table(heads, rows, "Scores of both runs")
 
 

@@ -234,7 +234,8 @@ def _show(bench: Workbench, drive: Drive, job: Job) -> None:
 
 
 def _at_start(signals: dict[str, Any]) -> list[str]:
-    return [name for name in signals if name.startswith(_AT_FIRST) and ":" not in name][:8]
+    known = [name for name in signals if name.startswith(_AT_FIRST)]
+    return known[:8] or list(signals)[:3]
 
 
 def board(key: str, signals: dict[str, Any], shown: list[str], result: dict[str, Any]) -> dict[str, Any]:
