@@ -151,3 +151,29 @@ def test_courses_decide_against_a_drifting_steering_angle_at_any_rate(rate: int)
             witnesses.hear(Event(velocity, stamp, course, np.full(2, 1e-4)))
         witnesses.feel(stamp, 1 / (10 * rate), [0, 0, turn, 0, turn * speed, 9.81], speed, 0.0)
     assert witnesses.wrong
+
+
+def confirmed_after(seconds: float, gyro_error: float, turn: float) -> bool:
+    """True if courses confirm a gyro with an error [rad/s] since 0.6 s before the end, in a turn [rad/s]."""
+    witnesses, velocity = YawWitnesses(car(), car().sensing()), list(car().sensing()).index("velocity")
+    steering = list(car().sensing()).index("steering")
+    speed, rate = 10.0, 100
+    for i in range(round(seconds * rate)):
+        now = i / rate
+        stamp, gyro = START + round(now * SECOND), turn + gyro_error * (now > seconds - 0.6)
+        witnesses.hear(Event(steering, stamp, np.zeros(1), np.zeros(1)))
+        course = speed * np.array([cos(turn * now), sin(turn * now)])
+        witnesses.hear(Event(velocity, stamp, course, np.full(2, 1e-4)))
+        witnesses.feel(stamp, 1 / rate, [0, 0, gyro, 0, turn * speed, 9.81], speed, 0.0)
+    return bool(witnesses.gyro_confirmed)
+
+
+@given(st.floats(0.4, 1.2), st.sampled_from([-1.0, 1.0]))
+@settings(max_examples=10, deadline=None)
+def test_courses_confirm_a_right_gyro_in_a_tight_turn_and_no_wrong_one(turn: float, side: float) -> None:
+    assert confirmed_after(2.0, 0.0, side * turn)
+    assert not confirmed_after(2.0, 0.5, side * turn)
+
+
+def test_courses_confirm_no_gyro_straight_ahead_where_a_dead_one_reads_the_same() -> None:
+    assert not confirmed_after(2.0, 0.0, 0.0)

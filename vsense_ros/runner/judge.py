@@ -49,6 +49,12 @@ class Judge(ABC):
         return []
 
     @property
+    def confirms(self) -> dict[tuple[int, int], int]:
+        """Inertial sensors and axes of them that another sensor confirms without the model of the car, and the stamp
+        [ns] of its newest message that does."""
+        return {}
+
+    @property
     def apart(self) -> Apart:
         """How far apart the motions are that sensors measure, while it is not decided which of them are right."""
         return Apart()
@@ -94,6 +100,14 @@ class Judges:
     def suspect(self) -> bool:
         """True while an inertial axis that seems wrong may be right, because another sensor is wrong."""
         return any(judge.suspect for judge in self._judges)
+
+    @property
+    def confirms(self) -> dict[tuple[int, int], int]:
+        """Inertial sensors and axes that any of them confirms, with stamps [ns]."""
+        confirmed: dict[tuple[int, int], int] = {}
+        for judge in self._judges:
+            confirmed |= judge.confirms
+        return confirmed
 
     @property
     def apart(self) -> Apart:

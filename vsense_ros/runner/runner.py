@@ -193,7 +193,7 @@ class Runner:
                 self._shift(move)
         vote = self.vote
         if self.judges.settle(self._timeline):
-            vote.wait = self.judges.suspect
+            vote.wait, vote.confirmed = self.judges.suspect, self.judges.confirms
         if vote.due(self.stamp):
             vote.decide(self._timeline)
         while vote.returned:

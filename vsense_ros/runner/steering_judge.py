@@ -9,13 +9,14 @@ from __future__ import annotations
 
 from bisect import insort
 from collections import deque
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from math import degrees, nan
 from operator import attrgetter
 
 import numpy as np
 
 from vsense_ros.estimation.timeline import Event, Timeline
+from vsense_ros.model.sensors import SensorBase, place_of
 from vsense_ros.runner.adapter import Adapter, Apart, Move, Widening
 from vsense_ros.runner.judge import Judge, widening_event
 from vsense_ros.runner.vote import Vote
@@ -33,6 +34,7 @@ class SteeringJudge(Judge):
         self._adapter, self._vote, self._shift, self._tell = adapter, vote, shift, tell
         self._witnesses = YawWitnesses(adapter.vehicle, adapter.sensors)
         self.hears = self._witnesses.hears
+        self._yaw_rate = _axis_of_yaw_rate(tuple(adapter.sensors.values()))
         self.judged = self._witnesses.possible and adapter.steering_error is not None
         self._recent: deque[tuple[int, float]] = deque(maxlen=STEERING.kept)  # stamps [ns] and angles [rad]
         self._wait = WITNESSES.agreed
@@ -59,6 +61,11 @@ class SteeringJudge(Judge):
         """True while gyro and steering contradict each other, and it is not decided which of them is wrong."""
         open_ = self._witnesses.contradiction > WITNESSES.suspicious
         return open_ and not self.out and not any(self._vote.out)
+
+    @property
+    def confirms(self) -> dict[tuple[int, int], int]:
+        stamp = self._witnesses.gyro_confirmed
+        return dict.fromkeys(self._yaw_rate, stamp) if stamp else {}
 
     @property
     def doubts(self) -> list[str]:
@@ -146,3 +153,12 @@ class SteeringJudge(Judge):
         assert error is not None
         change = Widening(error, STEERING.density * time * 1e-9)
         return widening_event(self._shift, stamp, change)
+
+
+def _axis_of_yaw_rate(sensors: Sequence[SensorBase]) -> frozenset[tuple[int, int]]:
+    """The place of the first inertial sensor and its axis that is nearest to the car's vertical one; empty for none."""
+    place = place_of(sensors, "rates and forces")
+    if place < 0:
+        return frozenset()
+    upward = np.abs(sensors[place].in_axes_of_car(np.eye(6))[:, 2])
+    return frozenset({(place, int(upward.argmax()))})

@@ -92,6 +92,8 @@ class Vote:
         ] = {}  # of other sensors: mean normalized innovation squared, and when
         self._no_vote: set[int] = set()
         self.votes = 0
+        # Sensors and axes that a direct witness confirms, and the stamp of its newest message that does [ns].
+        self.confirmed: dict[tuple[int, int], int] = {}
         self.wait = False  # True while something else may be wrong, and no axis is left out
 
     def forget(self, stamp: int) -> None:
@@ -165,7 +167,12 @@ class Vote:
                 begin, count = now, 0
             axes.refused_from[axis] = begin, now, count + 1
             long = now - begin >= VOTE.refused_for and count + 1 >= VOTE.refusals
-            if long and not self.wait and self._others_there():
+            confirmed = self.confirmed.get((axes.index, axis))
+            if confirmed is not None:
+                if long and confirmed - begin >= VOTE.confirmed:
+                    self._believe_confirmed(axes, event, axis, float(value[axis]))
+                    used += 1
+            elif long and not self.wait and self._others_there():
                 del axes.refused_from[axis]
                 self._jumped.append((axes, axis))
         if first and axes.sums.add(now, whitened):
@@ -177,12 +184,22 @@ class Vote:
         """Raise the alarm where innovations of a sensor add up to more than noise does."""
         far = axes.sums.far()
         quick = far[:2, : len(axes.words)]
+        for index, axis in self.confirmed:
+            if index == axes.index:
+                quick[:, axis] = 0.0
         if quick.max() > VOTE.jump and stamp - self._begun >= VOTE.settled and self._others_there():
             self._jumped.append((axes, int(quick.max(axis=0).argmax())))
         for window, sums in zip(WINDOWS[2:].tolist(), far[2:], strict=True):
             if np.any(sums > axes.sums.alarm):
                 self._sound(stamp, stamp - window * VOTE.block)
                 break
+
+    def _believe_confirmed(self, axes: Axes, event: Event, axis: int, value: float) -> None:
+        """Use an axis beyond its gate: a direct witness has measured the same for a while, so that the model is
+        wrong."""
+        alone = replace(event, value=np.full_like(event.value, np.nan))
+        alone.value[axis] = event.value[axis] = value
+        self._adapter.correct_inertial(axes.channel, alone, np.inf)
 
     def measured(self, index: int, stamp: int, nis: float, components: int, limit: float) -> None:
         """The normalized innovation squared of a measurement of another sensor. One that is refused, and was in
@@ -345,7 +362,9 @@ class Vote:
         """The votes of the others without each axis that may be wrong; `everybody` are the scores with all."""
         ballots: list[Ballot] = []
         for axes in self.axes.values():
-            within = [a for a in axes.present if a not in axes.out]
+            within = [a for a in axes.present if a not in axes.out and (axes.index, a) not in self.confirmed]
+            if not within:
+                continue
             loud = axes.sums.far()[SHORT, : len(axes.words)].max() > VOTE.own
             if not loud and self._without(timeline, since, everybody, axes, within).gain < VOTE.worth_a_vote:
                 continue

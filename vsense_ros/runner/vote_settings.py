@@ -20,6 +20,7 @@ class VoteSettings:
     block: int = 20_000_000  # [ns] in which innovations are summed
     rows: int = 128  # messages in a block at most
     jump: float = 9.5  # [-] sum of one block or two: the axis has jumped away from what all others measure
+    confirmed: int = 100_000_000  # [ns] of refusals, after which an axis that is still confirmed is used
     redone_after_jump: int = 200_000_000  # [ns] that are filtered again without the axis then
 
     # An alarm: a sum of 0.2 s or 1 s, or a sensor that is refused at large.

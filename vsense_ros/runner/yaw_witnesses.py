@@ -51,6 +51,8 @@ class YawWitnessSettings:
     course_rate: float = 0.02  # [rad/s] bias of the gyro meanwhile
     course_time: float = 0.5  # [s] over which the course is compared
     course_apart: float = 0.019  # [s] between two courses that are kept
+    confirming: float = 0.1  # [-] of the turn, by which the course may differ from a gyro that it confirms
+    confirmed_for: float = 0.06  # [s] after a course
     # Tyres slide.
     linear: float = 4.0  # [m/s²] lateral acceleration up to which they do not
     remembered: float = 1.0  # [s] time constant with which the largest lateral acceleration is forgotten
@@ -107,6 +109,7 @@ class YawWitnesses:
         self._seen: deque[tuple[int, float, float, float, float]] = deque(maxlen=64)
         self._ways = [0.0, 0.0, 0.0]  # integrals of the yaw rates of gyro and steering, least and largest [rad]
         self._by_course = 0
+        self._confirmed = self._felt = 0  # [ns]
         self.contradiction = self.apart_by = 0.0  # [rad], [rad/s]
         self.since = 0
         self.agreed = 0.0  # [s] for which steering and gyro have agreed while the car turned or went straight
@@ -122,6 +125,13 @@ class YawWitnesses:
     def wrong(self) -> bool:
         """True if the steering is wrong."""
         return self.contradiction > WITNESSES.wrong and self._support > 0
+
+    @property
+    def gyro_confirmed(self) -> int:
+        """The stamp [ns] of the newest course that turns as the gyro says, and by so much that this is no chance; 0 if
+        that is not so any more."""
+        recent = abs(self._felt - self._confirmed) < WITNESSES.confirmed_for * 1e9
+        return self._confirmed if recent else 0
 
     def hear(self, event: Event) -> None:
         """Take in a message of `hears`, which are all but inertial ones."""
@@ -146,6 +156,7 @@ class YawWitnesses:
         """Compare all witnesses after a block of `h` [s] up to a time [ns]: the mean of the inertial sensor (6) in the
         axes of the car, and the speed [m/s] and the steering offset [rad] of the filter."""
         _, _, gyro, _, lateral, _ = felt
+        self._felt = stamp
         speed = max(speed, _CRAWLING)
         s = WITNESSES
         limit = self._offset_limit
@@ -228,8 +239,11 @@ class YawWitnesses:
             time = (event.stamp - seen[0][0]) * 1e-9
             turned, gyro, least, largest = (after - before for after, before in zip(now[1:], seen[0][1:], strict=True))
             noise = 3.0 * float(event.variance.max()) ** 0.5 / speed
-            margin = s.course + s.course_rate * time + noise + s.share * max(abs(gyro), abs(least), abs(largest))
-            self._by_course = _side(remainder(turned, 2 * pi), gyro, least, largest, margin)
+            turned, own = remainder(turned, 2 * pi), s.course + s.course_rate * time + noise
+            margin = own + s.share * max(abs(gyro), abs(least), abs(largest))
+            self._by_course = _side(turned, gyro, least, largest, margin)
+            confirming = own + s.confirming * abs(gyro)
+            self._confirmed = event.stamp if abs(turned - gyro) < confirming < 0.5 * abs(turned) else 0
         seen.append(now)
 
 
