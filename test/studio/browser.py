@@ -33,6 +33,7 @@ def served(project: Path, *files: object) -> Iterator[str]:
     """The command `vsense studio` in a process of its own; gives the address with its token."""
     command = [sys.executable, "-m", "vsense_ros.cli", "studio", *map(str, files), "--project", str(project)]
     environment = {**os.environ, "PYTHONPATH": str(ROOT), "PYTHONUNBUFFERED": "1"}
+    environment.pop("PYTEST_CURRENT_TEST", None)  # by which NiceGUI would take the command for a test of its own
     process = subprocess.Popen(
         [*command, "--no-browser"], stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True, env=environment
     )
