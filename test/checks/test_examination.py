@@ -10,12 +10,13 @@ import pytest
 
 from vsense_ros.bag.importers import build
 from vsense_ros.checks import examination
+from vsense_ros.checks.correcting import mended
 from vsense_ros.checks.examination import findings
 from vsense_ros.checks.finding import Finding, Kind, Scale
 from vsense_ros.checks.inspect import inspect
-from vsense_ros.checks.mending import mended, mends
-from vsense_ros.checks.orientation import signed_correlation
+from vsense_ros.checks.mending import mends
 from vsense_ros.checks.reason import Reason
+from vsense_ros.checks.relations import signed_correlation
 from vsense_ros.checks.roles import Role, topics_of
 from vsense_ros.checks.sentences import sentences
 from vsense_ros.messages.recording import Channel, Recording

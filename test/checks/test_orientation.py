@@ -24,9 +24,10 @@ from synthetic_motion import (
     subject_of,
 )
 from vsense_ros.checks.consistency import SIDES
+from vsense_ros.checks.conventions import conventions
 from vsense_ros.checks.finding import Finding, Kind, Scale, Turn
-from vsense_ros.checks.orientation import orientation, signed_correlation
 from vsense_ros.checks.reason import Reason
+from vsense_ros.checks.relations import signed_correlation
 
 RATES, FORCES = ("wx", "wy", "wz"), ("ax", "ay", "az")
 BOTH = ("angular_velocity", "linear_acceleration")
@@ -47,7 +48,7 @@ def turned(signals: dict[str, Array], matrix: Array, *vectors: tuple[str, ...]) 
 
 
 def found(signals: dict[str, Array]) -> list[Finding]:
-    return list(orientation(subject_of(signals), []))
+    return list(conventions(subject_of(signals)))
 
 
 def test_nothing_is_exchanged_where_all_is_right():
@@ -67,7 +68,13 @@ def test_the_rotation_of_a_sensor_is_named_and_its_inverse_mends_it(matrix):
 @given(matrix=st.sampled_from(REFLECTIONS))
 def test_accelerometers_whose_axes_are_exchanged_are_named_apart_from_the_gyros(matrix):
     (finding,) = found(turned(REAL, matrix, FORCES))
-    assert (finding.reason, finding.signal) == (Reason.FORCE_AXES_EXCHANGED, "linear_acceleration")
+    named = {
+        (1.0, -1.0, 1.0): (Reason.LATERAL_REVERSED, "linear_acceleration.y"),
+        (-1.0, 1.0, 1.0): (Reason.LONGITUDINAL_REVERSED, "linear_acceleration.x"),
+        (-1.0, -1.0, -1.0): (Reason.FORCES_ALL_REVERSED, "linear_acceleration"),
+    }
+    expected = named.get(tuple(np.diag(matrix)), (Reason.FORCE_AXES_EXCHANGED, "linear_acceleration"))
+    assert (finding.reason, finding.signal) == expected
     assert isinstance(finding.mend, Turn)
     np.testing.assert_array_equal(np.array(finding.mend.matrix) @ matrix, np.eye(3))
 
@@ -95,7 +102,9 @@ def test_gyros_alone_are_brought_so_that_the_turning_is_on_z(axis, sign):
         assert result == []
         return
     (finding,) = result
-    assert (finding.reason, finding.signal) == (Reason.RATE_AXES, "angular_velocity")
+    reversed_yaw_rate = (Reason.TURNS_AGAINST, "angular_velocity.z")
+    expected = reversed_yaw_rate if axis == 2 else (Reason.RATE_AXES, "angular_velocity")
+    assert (finding.reason, finding.signal) == expected
     assert isinstance(finding.mend, Turn)
     matrix = np.array(finding.mend.matrix)
     np.testing.assert_array_equal(matrix[2], row)
@@ -126,9 +135,18 @@ def test_a_lateral_accelerometer_alone_shows_its_sign():
     assert finding.mend == Turn(("linear_acceleration",), ((1.0, 0.0, 0.0), (0.0, -1.0, 0.0), (0.0, 0.0, 1.0)))
 
 
-def test_axes_are_not_determined_by_a_drive_without_braking_or_turning_or_without_a_speed():
+def test_a_drive_without_braking_does_not_mend_axes_wrongly():
     half_turn = np.diag([-1.0, -1.0, 1.0])
-    for drive in (Drive(pushing=0.05), Drive(turning=0.05), Drive(duration=2.2)):
+    signals = {name: v for name, v in Drive(pushing=0.05).signals().items() if name not in "xy"}
+    for finding in found(turned(signals, half_turn, RATES, FORCES)):
+        if finding.mend is not None:
+            assert isinstance(finding.mend, Turn)
+            np.testing.assert_array_equal(np.array(finding.mend.matrix), half_turn)
+
+
+def test_axes_are_not_determined_by_a_drive_without_turning_or_without_a_speed():
+    half_turn = np.diag([-1.0, -1.0, 1.0])
+    for drive in (Drive(turning=0.05), Drive(duration=2.2)):
         signals = {name: v for name, v in drive.signals().items() if name not in "xy"}
         assert found(turned(signals, half_turn, RATES, FORCES)) == [], drive
     slow = {name: v for name, v in Drive(speed=2.0, pushing=0.3).signals().items() if name not in "xy"}
@@ -151,11 +169,11 @@ def test_wheels_of_the_left_that_are_called_those_of_the_right_are_named():
     assert (finding.against, finding.mend) == ("gnss", SIDES)
 
 
-def test_where_gnss_is_in_another_frame_nothing_is_said_of_axes():
+def test_where_the_velocity_is_in_north_east_it_is_named_beside_a_reversed_steering_and_nobody_else():
     signals = {**Drive().signals(), "steering_wheel": -REAL["steering_wheel"]}
     assert len(found(signals)) == 1
     signals["east"], signals["north"] = signals["north"], signals["east"]
-    assert found(signals) == []
+    assert [finding.reason for finding in found(signals)] == [Reason.VELOCITY_EXCHANGED, Reason.TURNS_AGAINST]
 
 
 @settings(max_examples=25, deadline=None)

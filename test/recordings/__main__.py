@@ -15,12 +15,13 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any
 
-from recordings import formats, planted
+from recordings import conventions, formats, planted
 from recordings.cases import CASES
 from recordings.further_cases import FURTHER_CASES
 from vsense_ros.bag import read_bag, write_bag
 from vsense_ros.bag.importers import import_recording
 from vsense_ros.checks.inspect import inspect
+from vsense_ros.checks.mending import mends
 from vsense_ros.driver.can_database import read_database
 from vsense_ros.errors import InputError
 from vsense_ros.evaluate.terminal import progress
@@ -67,6 +68,29 @@ def run_planted(clean: int) -> dict[str, Any]:
         "faults": len(planted.FAULTS),
         "missed": missed,
         "false_findings": false,
+    }
+
+
+def run_mends(clean: int) -> dict[str, Any]:
+    """How often `--mend` puts other conventions right, how often it does harm, and in how many clean drives it acts."""
+    missed: list[str] = []
+    harmful: list[str] = []
+    every = list(conventions.drives())
+    with progress("conventions") as done:
+        for number, one in enumerate(every, 1):
+            right, harm = conventions.judged(one)
+            missed += [] if right else [one.name]
+            harmful += [one.name] if harm else []
+            done(number / len(every))
+    acted = [name for name, recording in planted.clean(clean) if mends(recording)]
+    return {
+        "right": len(every) - len(missed),
+        "n": len(every),
+        "harmful": len(harmful),
+        "in_clean": len(acted),
+        "clean": clean,
+        "missed": missed,
+        "harmed": [*harmful, *acted],
     }
 
 
@@ -126,6 +150,7 @@ def main() -> int:
     found: dict[str, Any] = {
         "cases": run_cases(),
         "planted": run_planted(arguments.clean),
+        "mend": run_mends(arguments.clean),
         "formats": run_formats(arguments.seconds),
     }
     if arguments.dbc is not None:
@@ -139,6 +164,13 @@ def main() -> int:
         f"{told['false']} of {told['clean']} clean drives doubted"
     )
     for text in (*told["missed"], *told["false_findings"]):
+        print(f"  {text}")
+    mend = found["mend"]
+    print(
+        f"mends: {mend['right']} of {mend['n']} right, {mend['harmful']} harmful; "
+        f"{mend['in_clean']} of {mend['clean']} clean drives mended"
+    )
+    for text in (*mend["missed"], *mend["harmed"]):
         print(f"  {text}")
     print(f"{'format':<26}{'MB/s':>8}{'µs/message':>12}")
     for name, speed in found["formats"].items():

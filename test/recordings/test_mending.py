@@ -11,8 +11,9 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from vsense_ros.checks.correcting import mended
 from vsense_ros.checks.finding import Finding, Kind, Scale
-from vsense_ros.checks.mending import mended, mends
+from vsense_ros.checks.mending import mends
 from vsense_ros.checks.reason import Reason
 from vsense_ros.checks.sentences import mend_in_words
 from vsense_ros.files.installed import vehicle_path

@@ -12,8 +12,9 @@ import numpy as np
 from vsense_ros.api.recording import Source, read
 from vsense_ros.api.result import Result
 from vsense_ros.api.vehicle import load_vehicle
+from vsense_ros.checks.correcting import mended
 from vsense_ros.checks.examination import findings
-from vsense_ros.checks.mending import mended, mends
+from vsense_ros.checks.mending import mends
 from vsense_ros.checks.roles import topics_of
 from vsense_ros.checks.sentences import mend_in_words, sentences
 from vsense_ros.errors import InputError

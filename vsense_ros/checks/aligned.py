@@ -78,8 +78,9 @@ class AlignedSignals:
     """What sensors measure of one motion, at common times; NaN where a signal is absent.
 
     `signals` has the rates `wx wy wz` [rad/s] and specific forces `ax ay az` [m/s²] of the inertial sensor, the GNSS
-    velocity `east north` [m/s], the position `x y` [m] east and north of the first fix, and `x' y'` as it would be with
-    latitude and longitude exchanged, wheel spins [rad/s] and steering angles [rad] by the names of their joints.
+    velocity `east north up` [m/s], the position `x y` [m] east and north of the first fix and its `height` [m], and
+    `x' y'` as it would be with latitude and longitude exchanged, wheel spins [rad/s] and steering angles [rad] by the
+    names of their joints.
     """
 
     start: int  # [ns]
@@ -180,7 +181,7 @@ def align(channels: Mapping[Role, Channel], topics: Topics, begin: int) -> Align
     if (imu := channels.get(Role.IMU)) is not None:
         _add_inertial(aligned, imu)
     if (velocity := channels.get(Role.VELOCITY)) is not None:
-        for axis, name in enumerate(("east", "north")):
+        for axis, name in enumerate(("east", "north", "up")):
             aligned.signals[name] = aligned.at(velocity, velocity.columns["linear"][:, axis])
     if (position := channels.get(Role.POSITION)) is not None:
         _add_position(aligned, position)
@@ -210,6 +211,9 @@ def _add_position(aligned: AlignedSignals, channel: Channel) -> None:
         if np.abs(north).max() < 86:
             x, y = _metres(north, east)
             aligned.signals[f"x{suffix}"], aligned.signals[f"y{suffix}"] = aligned.at(fixes, x), aligned.at(fixes, y)
+    height = fixes.columns["altitude"][:, 0]
+    if np.isfinite(height).sum() >= SETTINGS.least_values:
+        aligned.signals["height"] = aligned.at(fixes, height)
 
 
 def _metres(latitude: Array, longitude: Array) -> tuple[Array, Array]:

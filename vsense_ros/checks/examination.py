@@ -5,6 +5,8 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Iterator, Sequence
 
 from vsense_ros.checks import clocks, consistency, units, values
+from vsense_ros.checks.conventions import decided
+from vsense_ros.checks.correcting import mended
 from vsense_ros.checks.finding import Confidence, Finding, Kind
 from vsense_ros.checks.frames import position_steps
 from vsense_ros.checks.reason import Reason
@@ -15,6 +17,7 @@ from vsense_ros.messages.recording import Recording
 Check = Callable[[Subject, Sequence[Finding]], Iterable[Finding]]
 
 _OF_A_FRAME = (Kind.FRAME, Kind.AXES, Kind.UNIT, Kind.SIGN)
+_OF_A_CONVENTION = (Kind.AXES, Kind.SIGN, Kind.FRAME)
 _OF_A_SIGNAL = (Reason.SIGNAL_JUMPS, Reason.SIGNAL_JUMPS_OFTEN)
 _OF_A_RANGE = (Reason.POSITION_RANGE, Reason.POSITION_ZERO)
 RECORDING = "recording"  # in place of a topic, for what concerns all of it
@@ -63,9 +66,27 @@ def findings(recording: Recording, topics: Topics = USUAL_TOPICS, radius: float 
     A check that raises becomes a finding itself, and the others go on.
     """
     subject = Subject(recording, topics, radius)
-    of_values = run(OF_VALUES, subject)
-    of_motion = run(OF_MOTION, subject, run(OF_UNITS, subject))
-    return without_repetitions(_consistent([*of_motion, *of_values], subject))
+    of_values, of_units = run(OF_VALUES, subject), run(OF_UNITS, subject)
+    units = [f for f in (*of_units, *subject.frame_findings) if f.kind is Kind.UNIT and f.mend is not None]
+    of_conventions = run((conventions,), Subject(mended(recording, units), topics, radius))
+    with_mend = [f for f in of_conventions if f.mend is not None]
+    wrong = {f.topic for f in of_conventions}
+    of_units = [f for f in of_units if f.topic not in wrong or f.kind is not Kind.SIGN]
+    # What is wrong besides is sought with the right axes and signs: a sensor that is mended contradicts nobody.
+    besides = run(OF_MOTION, Subject(mended(recording, with_mend), topics, radius), of_units)
+    if not with_mend:
+        besides = [f for f in besides if f.topic not in wrong or not _is_of_a_convention(f)]
+    return without_repetitions(_consistent([*of_conventions, *besides, *of_values], subject))
+
+
+def _is_of_a_convention(finding: Finding) -> bool:
+    """True for findings that an undecided convention says already; where gravity is remains certain."""
+    return finding.kind in _OF_A_CONVENTION and finding.reason is not Reason.GRAVITY_AXIS
+
+
+def conventions(subject: Subject, _: Sequence[Finding]) -> Iterable[Finding]:
+    """Sensors that follow another convention of axes and signs."""
+    return decided(subject)
 
 
 def run(checks: Iterable[Check], subject: Subject, earlier: Sequence[Finding] = ()) -> list[Finding]:

@@ -77,7 +77,24 @@ class Turn:
         source = np.argmax(np.abs(matrix), axis=1)
         signs = matrix[np.arange(len(matrix)), source]
         turned = {name: channel.columns[name][:, source] * signs for name in self.fields}
+        for name in self.fields:
+            own = f"{name}_covariance"
+            covariance = own if own in channel.columns else "covariance"
+            if covariance in channel.columns and channel.columns[covariance].shape[1]:
+                turned[covariance] = self._covariance(channel.columns[covariance])
         return replace(channel, columns={**channel.columns, **turned})
+
+    def _covariance(self, values: Array) -> Array:
+        """Covariances (rows, n²) of a vector, or of a velocity that comes first in them, in the new axes; what marks
+        a vector as absent (-1 as the first) stays."""
+        size = round(values.shape[1] ** 0.5)
+        matrix = np.array(self.matrix)
+        source, signs = np.arange(size), np.ones(size)
+        source[:3] = np.argmax(np.abs(matrix), axis=1)
+        signs[:3] = matrix[np.arange(3), source[:3]]
+        turned = values.reshape(-1, size, size)[:, source][:, :, source] * np.outer(signs, signs)
+        turned = turned.reshape(values.shape)
+        return np.where(values[:, :1] == -1, values, turned)
 
 
 @dataclass(frozen=True)
@@ -92,7 +109,21 @@ class Rename:
         return replace(channel, names=tuple(new.get(name, name) for name in channel.names))
 
 
-Transformation = Scale | Turn | Rename
+@dataclass(frozen=True)
+class Exchange:
+    """Exchange the columns of two `fields`, as latitude and longitude."""
+
+    fields: tuple[str, str]
+
+    def apply(self, channel: Channel) -> Channel:
+        """The channel with the two fields exchanged."""
+        one, other = self.fields
+        columns = dict(channel.columns)
+        columns[one], columns[other] = columns[other], columns[one]
+        return replace(channel, columns=columns)
+
+
+Transformation = Scale | Turn | Rename | Exchange
 
 
 @dataclass(frozen=True)

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from vsense_ros.checks.aligned import AlignedSignals, Mask, spread
 from vsense_ros.checks.blame import who_is_wrong
-from vsense_ros.checks.finding import Confidence, Finding, Kind, Scale
+from vsense_ros.checks.finding import Confidence, Finding, Kind, Matrix, Scale
 from vsense_ros.checks.lags import match
 from vsense_ros.checks.motion import GYRO, Motion, ground_span
 from vsense_ros.checks.motion import SETTINGS as MOTION
@@ -55,6 +55,16 @@ class FrameSettings:
 
 SETTINGS = FrameSettings()
 _UNITS = ("km/h", "mph", "kn")
+# What takes a velocity to the east and north to what a sensor gives in other axes.
+FORMS: tuple[tuple[Reason, Kind, Matrix], ...] = (
+    (Reason.VELOCITY_EXCHANGED, Kind.FRAME, ((0.0, 1.0), (1.0, 0.0))),
+    (Reason.VELOCITY_EAST_REVERSED, Kind.SIGN, ((-1.0, 0.0), (0.0, 1.0))),
+    (Reason.VELOCITY_NORTH_REVERSED, Kind.SIGN, ((1.0, 0.0), (0.0, -1.0))),
+    (Reason.VELOCITY_REVERSED, Kind.SIGN, ((-1.0, 0.0), (0.0, -1.0))),
+    (Reason.VELOCITY_QUARTER_TURN, Kind.FRAME, ((0.0, -1.0), (1.0, 0.0))),
+    (Reason.VELOCITY_QUARTER_TURN, Kind.FRAME, ((0.0, 1.0), (-1.0, 0.0))),
+    (Reason.VELOCITY_EXCHANGED, Kind.FRAME, ((0.0, -1.0), (-1.0, 0.0))),
+)
 
 
 def velocity_against_position(signals: AlignedSignals) -> Finding | None:
@@ -85,6 +95,8 @@ def velocity_against_position(signals: AlignedSignals) -> Finding | None:
     few = good.sum() < signals.rows(s.unknown_least)
     if not close and (away < max(s.unknown_share * usual, s.unknown_apart) or few):
         return None
+    if close:
+        evidence |= forms[best][1].evidence
     # Which of the two is wrong the gyro decides: the course of the right one turns with it.
     pairs = {("velocity", "position"): False}
     for name, values in (("velocity", velocity), ("position", by_position)):
@@ -134,18 +146,11 @@ def _apart(one: Array, other: Array) -> float:
 
 def _forms(velocity: Array, topic: str) -> list[tuple[Array, Finding]]:
     """What velocities (2, n) to the east and north would look like in another frame or unit."""
-    east, north = velocity
-    speed = np.hypot(east, north)
-
-    forms = [
-        (np.array([speed, 0 * speed]), Finding(topic, Kind.FRAME, Reason.VELOCITY_IN_CAR_AXES)),
-        (np.array([north, east]), Finding(topic, Kind.FRAME, Reason.VELOCITY_EXCHANGED)),
-        (np.array([-east, north]), Finding(topic, Kind.SIGN, Reason.VELOCITY_EAST_REVERSED)),
-        (np.array([east, -north]), Finding(topic, Kind.SIGN, Reason.VELOCITY_NORTH_REVERSED)),
-        (np.array([-east, -north]), Finding(topic, Kind.SIGN, Reason.VELOCITY_REVERSED)),
-        (np.array([-north, east]), Finding(topic, Kind.FRAME, Reason.VELOCITY_QUARTER_TURN)),
-        (np.array([north, -east]), Finding(topic, Kind.FRAME, Reason.VELOCITY_QUARTER_TURN)),
-    ]
+    speed = np.hypot(*velocity)
+    forms = [(np.array([speed, 0 * speed]), Finding(topic, Kind.FRAME, Reason.VELOCITY_IN_CAR_AXES))]
+    for index, (reason, kind, matrix) in enumerate(FORMS):
+        finding = Finding(topic, kind, reason, evidence={"form": float(index)})
+        forms.append((np.array(matrix) @ velocity, finding))
     for unit in _UNITS:
         mend = Scale("linear", to_si(unit), given=unit, expected="m/s")
         forms.append((velocity / to_si(unit), Finding(topic, Kind.UNIT, Reason.VELOCITY_UNIT, mend=mend)))

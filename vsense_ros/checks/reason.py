@@ -44,7 +44,14 @@ class Reason(Enum):
     FORCES_EXCHANGED = "the axes x and y of the accelerometer are exchanged"
     FORCES_QUARTER_TURN = "the IMU looks turned by 90° about z"
     FORCES_EXCHANGED_REVERSED = "the axes x and y of the accelerometer are exchanged and reversed"
-    SENSOR_TURNED = "the sensor is turned"
+    SENSOR_TURNED = "the sensor is turned{convention}"
+    FORCES_ALL_REVERSED = "the accelerometer is reversed on all axes, as phones and some loggers have it"
+    CONVENTION_UNDECIDED = (
+        "contradicts {others}: another convention of {one} would explain it, and of {other} as well; `convention:` in "
+        "a mapping says which"
+    )
+    LONGITUDE_REVERSED = "longitude is positive to the west, expected to the east"
+    LATITUDE_REVERSED = "latitude is positive to the south, expected to the north"
     FORCE_AXES_TURNED = "the axes of the accelerometers are turned"
     FORCE_AXES_EXCHANGED = "the axes of the accelerometers are exchanged or reversed"
     RATE_AXES = "the axes of the gyros are turned or reversed"

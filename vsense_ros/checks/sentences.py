@@ -6,7 +6,7 @@ from collections.abc import Iterable, Mapping
 
 import numpy as np
 
-from vsense_ros.checks.finding import Confidence, Finding, Kind, Rename, Scale, Turn
+from vsense_ros.checks.finding import Confidence, Exchange, Finding, Kind, Rename, Scale, Turn
 from vsense_ros.checks.motion import ACCELEROMETER, GNSS, GYRO, WHEELS
 
 # What a source of a motion measures, and what the components of an inertial sensor are.
@@ -21,6 +21,7 @@ _WORDS: Mapping[str, str] = {
 }
 _MEASURED_AS_NAMED = (Kind.JUMP, Kind.QUANTISED, Kind.FROZEN, Kind.MISSING)  # findings about values of a field
 _AXES = ("forward", "left", "up")
+_GROUND_AXES = ("east", "north", "up")
 
 
 def sentence(finding: Finding) -> str:
@@ -33,10 +34,11 @@ def sentence(finding: Finding) -> str:
         "begin": begin,
         "duration": end - begin,
         "given": finding.mend.given if isinstance(finding.mend, Scale) else "",
+        "convention": "",
         "undecided": ", or the IMU is turned by 180° about z" if finding.confidence is Confidence.UNDECIDED else "",
         "behind": _behind(finding.evidence) if finding.kind is Kind.LAG else "",
     }
-    return finding.reason.value.format(**words, **finding.evidence, **finding.names).strip()
+    return finding.reason.value.format(**{**words, **finding.evidence, **finding.names}).strip()
 
 
 def sentences(findings: Iterable[Finding]) -> list[str]:
@@ -53,8 +55,11 @@ def _transformation(finding: Finding) -> str:
     match finding.mend:
         case Rename():
             return "left and right exchanged"
+        case Exchange(fields=fields):
+            return f"{' and '.join(fields)} exchanged"
         case Turn(matrix=matrix):
-            axes = ", ".join(f"{axis} is {_direction(row)}" for axis, row in zip(_AXES, matrix, strict=True))
+            names = _GROUND_AXES if finding.mend.fields == ("linear",) else _AXES
+            axes = ", ".join(f"{axis} is {_direction(row)}" for axis, row in zip(names, matrix, strict=True))
             return f"{sentence(finding)}: {axes}"
         case Scale(factor=-1.0, column=column):
             return f"{column}: the sign reversed" if column else "the sign reversed"

@@ -19,7 +19,7 @@ from pathlib import Path
 import numpy as np
 from scipy.stats import chi2
 
-from vsense_ros.checks.mending import mended
+from vsense_ros.checks.correcting import mended
 from vsense_ros.errors import InputError
 from vsense_ros.files.atomic import atomic_write
 from vsense_ros.files.vehicle import save_vehicle
