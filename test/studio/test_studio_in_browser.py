@@ -74,7 +74,7 @@ def test_two_tabs_show_the_same_project(address: str) -> None:
         boards_are_drawn(page)
         page.get_by_role("checkbox", name="held out").first.click()
         go(second, "data")
-        second.locator("[role=checkbox][aria-checked=true][aria-label='held out']").wait_for()
+        second.get_by_role("checkbox", name="held out", checked=True).wait_for()
         page.get_by_role("checkbox", name="held out").first.click()
 
 
