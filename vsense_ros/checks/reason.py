@@ -47,8 +47,8 @@ class Reason(Enum):
     SENSOR_TURNED = "the sensor is turned{convention}"
     FORCES_ALL_REVERSED = "the accelerometer is reversed on all axes, as phones and some loggers have it"
     CONVENTION_UNDECIDED = (
-        "contradicts {others}: another convention of {one} would explain it, and of {other} as well; `convention:` in "
-        "a mapping says which"
+        "contradicts {others}: another convention of {one} would explain it, and of {other} as well: correct the one "
+        "that is wrong in the mapping of the import, or in its driver"
     )
     LONGITUDE_REVERSED = "longitude is positive to the west, expected to the east"
     LATITUDE_REVERSED = "latitude is positive to the south, expected to the north"
