@@ -111,6 +111,8 @@ def test_merged_tables_have_all_times_and_nothing_between_them():
 
 
 def test_frames_of_other_libraries_have_the_same_numbers():
+    for library in ("pandas", "polars", "xarray"):
+        pytest.importorskip(library)
     fix = build.fix(STAMP, np.array([48.0, np.nan, 48.2]), np.arange(3.0), np.arange(3.0))
     recording = Recording({"gps/fix": fix})
     pandas, polars, xarray = recording.to_pandas(), recording.to_polars(), recording.to_xarray()

@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 import pytest
-import yaml as pyyaml
 
 from vsense_ros.errors import InputError
 from vsense_ros.messages import yaml_text
 from vsense_ros.messages.yaml_text import LIMITS, YamlLimits
+
+pyyaml = pytest.importorskip("yaml", reason="PyYAML is not installed")
 
 
 def nested(levels: int, opening: str, closing: str) -> str:
