@@ -292,10 +292,7 @@ def _of_accelerometer(result: Relations, turns: Mapping[str, Array]) -> None:
     signals = motion.signals.signals
     names = [name for name in FORCES if name in signals and np.isfinite(signals[name]).any()]
     if len(names) == 3:
-        mean = np.array([np.nanmedian(signals[name]) for name in names])
-        size, axis = float(np.linalg.norm(mean)), int(np.argmax(np.abs(mean)))
-        if SETTINGS.gravity[0] < size < SETTINGS.gravity[1] and abs(mean[axis]) > SETTINGS.upright * size:
-            result.up = np.sign(mean[axis]) * np.eye(3)[axis]
+        result.up = _up(np.array([np.nanmedian(signals[name]) for name in names]))
     if "ax" not in names and ACCELEROMETER in motion.turns:
         for source, turning in turns.items():
             pairs: dict[tuple[str, str], int] = {}
@@ -318,21 +315,35 @@ def _of_accelerometer(result: Relations, turns: Mapping[str, Array]) -> None:
     if good.sum() < motion.signals.rows(SETTINGS.least):
         return
     measured, expected = measured[:, good], expected[:, good]
-    if np.sqrt(np.mean(expected**2, axis=1)).max() < SETTINGS.moving:
-        return
+    if np.sqrt(np.mean(expected**2, axis=1)).max() >= SETTINGS.moving:
+        result.force_errors |= _force_errors(measured, expected, upright=result.up is not None)
+
+
+def _up(mean: Array) -> Array | None:
+    """The direction of gravity's reaction (3,) in the axes of a sensor whose median accelerations are these (3,)
+    [m/s²]; None where they are not gravity along an axis."""
+    size, axis = float(np.linalg.norm(mean)), int(np.argmax(np.abs(mean)))
+    if SETTINGS.gravity[0] < size < SETTINGS.gravity[1] and abs(mean[axis]) > SETTINGS.upright * size:
+        return np.asarray(np.sign(mean[axis]) * np.eye(3)[axis])
+    return None
+
+
+def _force_errors(measured: Array, expected: Array, *, upright: bool) -> dict[Key, float]:
+    """Mean absolute errors [m/s²] of accelerations (2 or 3, n) turned by each signed permutation of the axes, against
+    those expected along and across (2, n), and against gravity if the sensor measures it (`upright`)."""
     whole = np.zeros((3, measured.shape[1]))
-    whole[: len(names)] = measured
-    known = 2
-    if result.up is not None:
+    whole[: len(measured)] = measured
+    if upright:
         expected = np.vstack([expected, np.full(expected.shape[1], GRAVITY)])
-        known = 3
+    errors = {}
     for matrix in signed_permutations(3):
-        if len(names) < 3 and matrix[2, 2] != 1.0:
+        if len(measured) < 3 and matrix[2, 2] != 1.0:
             continue
-        error = (matrix @ whole)[:known] - expected
+        error = (matrix @ whole)[: len(expected)] - expected
         # The attitude and offsets of the sensor stay in the means.
         error = error - np.clip(np.median(error, axis=1, keepdims=True), -SETTINGS.offset, SETTINGS.offset)
-        result.force_errors[key(matrix)] = float(np.mean(np.abs(error)))
+        errors[key(matrix)] = float(np.mean(np.abs(error)))
+    return errors
 
 
 def _lag(measured: Array, expected: Array, step: float) -> int:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections import Counter
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from typing import Any
 
@@ -176,21 +176,17 @@ class Receiver:
         self.message = message
         self.outputs: list[tuple[AnyOutput, list[_Conversion]]] = []
         self.notes: list[str] = []
-        ranged: dict[str, bool] = {}  # signals that values are made of, and if their range in the database holds
         for output in outputs:
             binder = _Binder(message, f"{where}, {output.topic}")
             named = output.named_signals()
             self.outputs.append((output, [binder.conversion(name, s, output.valid) for name, s in named.items()]))
-            for signal in named.values():
-                for name in signal.signals:
-                    ranged[name] = ranged.get(name, False) or signal.range is None
         self.exact_length = check.length
         self.length = message.length if check.length is None else check.length
         self.counter = _CounterState(check.counter, message, where) if check.counter else None
         known = {s.name: s for s in message.signals}
         self.fields = {name: SignalField.of(known[name], message) for name in self._needed(check)}
         self.validity: dict[str, Validity] = {}
-        for name, is_ranged in ranged.items():
+        for name, is_ranged in _by_range_of_database(outputs).items():
             field = self.fields[name]
             self.validity[name], doubt = Validity.of(known[name], field, j1939=of_j1939, ranged=is_ranged)
             self.notes += [doubt] if doubt else []
@@ -382,27 +378,8 @@ class Receiver:
         usable = {name: v.of_all(raw[name], physical[name], good, doubted) for name, v in self.validity.items()}
         made = []
         for output, conversions in self.outputs:
-            values = {}
-            present = np.zeros(len(data), bool)
-            for conversion in conversions:
-                value, plausible = conversion.convert(physical)
-                believed = good.copy()
-                for name in conversion.signals:
-                    believed &= usable[name]
-                for flag in conversion.valid:
-                    doubted[_not_valid(conversion, flag)] += int((believed & ~flag.of(physical)).sum())
-                    believed &= flag.of(physical)
-                doubted[f"{conversion.name} out of range"] += int((believed & ~plausible).sum())
-                believed &= plausible
-                value[~believed] = np.nan
-                values[conversion.name] = value
-                present |= believed
-            if isinstance(output, MotionBase):
-                known = {name: ~np.isnan(value) for name, value in values.items()}
-                forms = [form for form in output.forms if known.keys() >= set(form)]
-                wholes = [np.all([known[name] for name in form], axis=0) for form in forms]
-                present &= np.any(wholes, axis=0)
-            rows = np.flatnonzero(present)
+            values = {one.name: _believed_values(one, physical, good, usable, doubted) for one in conversions}
+            rows = np.flatnonzero(_present(output, values))
             made.append((output, rows, {name: value[rows] for name, value in values.items()}))
         said.update({f"{self.message.name}: {text}": count for text, count in doubted.items() if count})
         return made
@@ -411,6 +388,49 @@ class Receiver:
         """Health of the message at `now` [ns]."""
         values = {} if self.counter is None else {"lost by the counter": str(self.counter.lost)}
         return self.monitor.diagnostic(now, values)
+
+
+def _by_range_of_database(outputs: Iterable[AnyOutput]) -> dict[str, bool]:
+    """The signals that values are made of, and whether their range in the database holds: a range of the mapping takes
+    its place."""
+    ranged: dict[str, bool] = {}
+    for output in outputs:
+        for signal in output.named_signals().values():
+            for name in signal.signals:
+                ranged[name] = ranged.get(name, False) or signal.range is None
+    return ranged
+
+
+def _believed_values(
+    conversion: _Conversion,
+    physical: Mapping[str, Any],
+    good: NDArray[np.bool_],
+    usable: Mapping[str, NDArray[np.bool_]],
+    doubted: Counter[str],
+) -> Array:
+    """A value of all frames (n,), NaN where the frame is not `good`, a signal of it not `usable`, a flag says that it
+    is not valid, or it is out of its range; `doubted` counts the last two."""
+    value, plausible = conversion.convert(physical)
+    believed = good.copy()
+    for name in conversion.signals:
+        believed &= usable[name]
+    for flag in conversion.valid:
+        doubted[_not_valid(conversion, flag)] += int((believed & ~flag.of(physical)).sum())
+        believed &= flag.of(physical)
+    doubted[f"{conversion.name} out of range"] += int((believed & ~plausible).sum())
+    believed &= plausible
+    value[~believed] = np.nan
+    return value
+
+
+def _present(output: AnyOutput, values: Mapping[str, Array]) -> NDArray[np.bool_]:
+    """True for the frames (n,) that make a message of an output: a motion needs all values of one of its forms, any
+    other output one value."""
+    known = {name: ~np.isnan(value) for name, value in values.items()}
+    if isinstance(output, MotionBase):
+        forms = [form for form in output.forms if known.keys() >= set(form)]
+        return np.any([np.all([known[name] for name in form], axis=0) for form in forms], axis=0)
+    return np.any(list(known.values()), axis=0)
 
 
 def _not_valid(conversion: _Conversion, flag: _Flag) -> str:

@@ -164,8 +164,7 @@ def build_dataset(
     `spoilt`. Their places are those of `seen` where the car comes there again, and what they turn is counted from the
     same way."""
     road = Road() if seen is None else seen.road
-    origins = [origin for recording in recordings if (origin := recording.map_origin) is not None]
-    on_map = Map(origins[0] if origins else None) if seen is None else seen.on_map
+    on_map = _map(recordings) if seen is None else seen.on_map
     sets_out = None if seen is None else seen.sets_out
     windows: list[Window] = []
     remarks: list[str] = []
@@ -173,13 +172,7 @@ def build_dataset(
     sensors = vehicle.sensing()
     for index, recording in enumerate(recordings):
         name = recording.name or f"recording {index + 1}"
-        readings: dict[str, Readings] = {}
-        for sensor, settings in sensors.items():
-            found = _read(recording, settings, on_map)
-            if isinstance(found, str):
-                remarks.append(f"{name}: nothing of {settings.topic} can be used: {found}")
-            elif found is not None:
-                readings[sensor] = found
+        readings = _readings(recording, name, sensors, on_map, remarks)
         used |= {sensor: sensors[sensor] for sensor in readings}
         found_sensors = {sensor: sensors[sensor] for sensor in readings}
         silent = "; ".join(unheard(recording.channels, sensors.values(), vehicle.name))
@@ -212,6 +205,26 @@ def build_dataset(
             )
         windows += stretches
     return Dataset(tuple(windows), used, tuple(r.name for r in recordings), tuple(remarks), road, on_map, sets_out)
+
+
+def _map(recordings: Iterable[Recording]) -> Map:
+    """The map of the first recording that has an origin."""
+    origins = [origin for recording in recordings if (origin := recording.map_origin) is not None]
+    return Map(origins[0] if origins else None)
+
+
+def _readings(
+    recording: Recording, name: str, sensors: Mapping[str, SensorBase], on_map: Map, remarks: list[str]
+) -> dict[str, Readings]:
+    """The measurements of each sensor that has any; `remarks` gets why the messages of one cannot be used."""
+    readings: dict[str, Readings] = {}
+    for sensor, settings in sensors.items():
+        found = _read(recording, settings, on_map)
+        if isinstance(found, str):
+            remarks.append(f"{name}: nothing of {settings.topic} can be used: {found}")
+        elif found is not None:
+            readings[sensor] = found
+    return readings
 
 
 def _read(recording: Recording, sensor: SensorBase, on_map: Map) -> Readings | str | None:

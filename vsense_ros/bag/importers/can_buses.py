@@ -85,23 +85,31 @@ def assigned(path: Path, decoders: Sequence[CanDecoder], frames: CanFrames, note
     unknown = [bus for bus in given if bus is not None and str(bus) not in frames.channels]
     if len(decoders) == 1 or None not in given or unknown:
         return given
-    free = [name for name in frames.channels if name not in {str(bus) for bus in given if bus is not None}]
-    open_ = [place for place, bus in enumerate(given) if bus is None]
+    for place, bus in _by_messages(path, decoders, frames, given).items():
+        given[place] = bus
+        notes.append(f"{decoders[place].mapping.name} is of the bus {bus}, where its messages come")
+    return given
+
+
+def _by_messages(
+    path: Path, decoders: Sequence[CanDecoder], frames: CanFrames, given: Sequence[str | int | None]
+) -> dict[int, str]:
+    """The bus of each decoder without one, by its place among the decoders: as many of their messages as possible come
+    on these buses. Raises `InputError` where there are too few buses, or several answers."""
+    taken = {str(bus) for bus in given if bus is not None}
+    free = [name for name in frames.channels if name not in taken]
+    places = [place for place, bus in enumerate(given) if bus is None]
     say = "say which bus each is of: --dbc BUS=FILE, or the key bus of its mapping"
-    if len(free) < len(open_) or len(open_) > _MOST_TRIED:
+    if len(free) < len(places) or len(places) > _MOST_TRIED:
         raise InputError(f"{path}: {len(decoders)} databases for the buses {', '.join(frames.channels)}; {say}")
-    heard = {(place, bus): _heard(decoders[place], frames, bus) for place in open_ for bus in free}
-    orders = list(permutations(free, len(open_)))
+    heard = {(place, bus): _heard(decoders[place], frames, bus) for place in places for bus in free}
+    orders = permutations(free, len(places))
     totals = sorted(
-        ((sum(heard[pair] for pair in zip(open_, order, strict=True)), order) for order in orders), reverse=True
+        ((sum(heard[pair] for pair in zip(places, order, strict=True)), order) for order in orders), reverse=True
     )
     if len(totals) > 1 and totals[0][0] == totals[1][0]:
         raise InputError(f"{path}: the messages of several databases come on several buses alike; {say}")
-    found = list(given)
-    for place, bus in zip(open_, totals[0][1], strict=True):
-        found[place] = bus
-        notes.append(f"{decoders[place].mapping.name} is of the bus {bus}, where its messages come")
-    return found
+    return dict(zip(places, totals[0][1], strict=True))
 
 
 def _heard(decoder: CanDecoder, frames: CanFrames, bus: str) -> int:

@@ -48,14 +48,7 @@ def read(
 
     Times are those of the log: Unix times where it tells a date, else from its start.
     """
-    beside = [found for ending in (".yaml", ".yml") if (found := path.with_suffix(ending)).exists()]
-    mapping = mapping if mapping is not None else next(iter(beside), None)
-    if dbc is None or mapping is None:
-        missing = " and ".join(
-            n for n, v in (("a database (--dbc FILE)", dbc), ("a mapping (--mapping FILE)", mapping)) if v is None
-        )
-        raise InputError(f"{path}: a CAN log is frames of bytes; what they mean needs {missing}, as in config/can")
-    decoders = can_buses.decoders(_several(dbc), _several(mapping), channel)
+    decoders = _decoders(path, dbc, mapping, channel)
     frames = read_frames(path)
     notes = [*(note for decoder in decoders for note in decoder.notes), *frames.losses]
     if frames.counts_from_zero:
@@ -67,18 +60,43 @@ def read(
         rows = _of_channel(path, frames, bus)
         own, passed = _decoded(decoder, frames, rows, arrival, notes)
         parts += own
+    notes += _missing(path, decoders, parts, passed)
+    topics = dict.fromkeys(part[0].topic for part in parts)
+    channels = {topic: _channel(topic, [part for part in parts if part[0].topic == topic]) for topic in topics}
+    damage = tuple(loss for loss in frames.losses if loss.startswith("unreadable after"))
+    return Recording(channels, path.stem, tuple(dict.fromkeys(notes)), 0, {"source": NAME}, damage)
+
+
+def _decoders(
+    path: Path,
+    dbc: str | Path | Sequence[str | Path] | None,
+    mapping: str | Path | Sequence[str | Path] | None,
+    channel: str | int | None,
+) -> list[CanDecoder]:
+    """The decoder of each bus; a mapping beside the log is taken where none is given. Raises `InputError` where the
+    database or the mapping is missing."""
+    beside = [found for ending in (".yaml", ".yml") if (found := path.with_suffix(ending)).exists()]
+    mapping = mapping if mapping is not None else next(iter(beside), None)
+    if dbc is None or mapping is None:
+        missing = " and ".join(
+            n for n, v in (("a database (--dbc FILE)", dbc), ("a mapping (--mapping FILE)", mapping)) if v is None
+        )
+        raise InputError(f"{path}: a CAN log is frames of bytes; what they mean needs {missing}, as in config/can")
+    return can_buses.decoders(_several(dbc), _several(mapping), channel)
+
+
+def _missing(path: Path, decoders: Sequence[CanDecoder], parts: Sequence[_Part], passed: str) -> list[str]:
+    """A note on the messages of the mappings that never came, beside the identifiers that nothing listens to. Raises
+    `InputError` where none of the messages came."""
     outputs = [output for decoder in decoders for output in decoder.mapping.outputs]
     if not parts:
         heard = f"; identifiers that came: {passed}" if passed else ""
         wanted = ", ".join(dict.fromkeys(output.message for output in outputs))
         raise InputError(f"{path}: none of the messages that the mapping uses ({wanted}) is in the log{heard}")
     never = {output.message for output in outputs} - {part[0].message for part in parts}
-    if never:
-        notes.append(f"never came: {', '.join(sorted(never))}; what came and nothing listens to: {passed or 'nothing'}")
-    topics = dict.fromkeys(part[0].topic for part in parts)
-    channels = {topic: _channel(topic, [part for part in parts if part[0].topic == topic]) for topic in topics}
-    damage = tuple(loss for loss in frames.losses if loss.startswith("unreadable after"))
-    return Recording(channels, path.stem, tuple(dict.fromkeys(notes)), 0, {"source": NAME}, damage)
+    if not never:
+        return []
+    return [f"never came: {', '.join(sorted(never))}; what came and nothing listens to: {passed or 'nothing'}"]
 
 
 def _several(files: str | Path | Sequence[str | Path]) -> list[str | Path]:

@@ -136,14 +136,10 @@ def _rank(found: tuple[int, Dialect]) -> tuple[bool, int]:
 
 
 def _below(delimiter: str, lines: Sequence[str], number: int) -> tuple[int, Dialect] | None:
-    """Likewise with a line as the header."""
-    header = _split(lines[number], delimiter)
-    while header and not header[-1]:
-        header.pop()
-    if len(header) < 2 or lines[number].lstrip().startswith("#") or any(map(_is_value, header)):
+    """The dialect with a line as the header, and the number of values below it; None where it cannot be one."""
+    header = _header(delimiter, lines[number])
+    if header is None:
         return None
-    if all(units.canonical(name) for name in header):
-        return None  # the line of units below the header
     below = [text for text in lines[number + 1 :] if text.strip() and not text.lstrip().startswith("#")]
     rows = [_split(text, delimiter) for text in below[: SETTINGS.rows]]
     own = [row for row in rows if len(row) >= len(header) - 1 and any(map(_is_value, row)) and row != header]
@@ -152,6 +148,21 @@ def _below(delimiter: str, lines: Sequence[str], number: int) -> tuple[int, Dial
     count = sum(map(_is_value, values))
     if not fitting or len(fitting) < SETTINGS.share * (len(rows) - 2) or count < (len(header) > 2) + len(fitting):
         return None
+    return count, Dialect(tuple(header), tuple(map(tuple, fitting)), _keys(delimiter, lines, number, values))
+
+
+def _header(delimiter: str, line: str) -> list[str] | None:
+    """The names in a line, without the empty ones at its end; None for a comment, values, or a line of units."""
+    names = _split(line, delimiter)
+    while names and not names[-1]:
+        names.pop()
+    if len(names) < 2 or line.lstrip().startswith("#") or any(map(_is_value, names)):
+        return None
+    return None if all(units.canonical(name) for name in names) else names
+
+
+def _keys(delimiter: str, lines: Sequence[str], number: int, values: Sequence[str]) -> dict[str, Any]:
+    """What a mapping says of the form of a table whose header is the line `number`, where it is not the usual one."""
     keys: dict[str, Any] = {} if delimiter == "," else {"delimiter": delimiter}
     with_comma = sum(bool(re.fullmatch(r"[+-]?\d+,\d+", cell)) for cell in values)
     with_point = sum(bool(re.fullmatch(r"[+-]?\d+\.\d+", cell)) for cell in values)
@@ -161,7 +172,7 @@ def _below(delimiter: str, lines: Sequence[str], number: int) -> tuple[int, Dial
         keys["skip_lines"] = number
     if any(text.lstrip().startswith("#") for text in lines[: number + 1 + SETTINGS.rows]):
         keys["comment"] = "#"
-    return count, Dialect(tuple(header), tuple(map(tuple, fitting)), keys)
+    return keys
 
 
 def _is_value(cell: str) -> bool:

@@ -27,12 +27,12 @@ def topics_of(recording: Recording) -> tuple[dict[str, Any], list[str]]:
     found: dict[str, Any] = {}
     remarks: list[str] = []
     free = {name: channel for name, channel in recording.channels.items() if len(channel) and name not in TOPICS}
-    for name, channel in recording.channels.items():
-        about = TOPICS.get(name)
-        expected = about.frame_id if about is not None and about.kind == channel.kind else ""
-        if expected and channel.frame_id not in ("", expected):
-            found[name] = f"/{name}"
-            remarks.append(f"/{name}: its frame is {channel.frame_id!r}, taken for {expected!r}")
+    for name, expected in _in_other_frames(recording).items():
+        found[name] = f"/{name}"
+        remarks.append(f"/{name}: its frame is {recording[name].frame_id!r}, taken for {expected!r}")
+
+    def of_kind(kind: str) -> list[Channel]:
+        return [channel for channel in free.values() if channel.kind == kind]
 
     def take(topic: str, channel: Channel | None, names: dict[str, str] | None = None, why: str = "") -> None:
         if channel is None or topic in found or topic in recording:
@@ -42,18 +42,29 @@ def topics_of(recording: Recording) -> tuple[dict[str, Any], list[str]]:
         remarks.append(f"{name}: {why}")
         free.pop(channel.topic, None)
 
-    imus = [c for c in free.values() if c.kind == "sensor_msgs/msg/Imu" and _measures_rates(c)]
+    imus = [channel for channel in of_kind("sensor_msgs/msg/Imu") if _measures_rates(channel)]
     take("imu/data", max(imus, key=len, default=None), why="an IMU that measures rates, of several the fastest")
-    fixes = [c for c in free.values() if c.kind == "sensor_msgs/msg/NavSatFix"]
+    fixes = of_kind("sensor_msgs/msg/NavSatFix")
     take("gps/fix", max(fixes, key=len, default=None), why="positions of a satellite receiver")
     fix = recording.channels.get("gps/fix") or max(fixes, key=len, default=None)
     _velocities([c for c in free.values() if c.kind in _TWISTS], fix, take)
-    for channel in [c for c in free.values() if c.kind == "sensor_msgs/msg/JointState"]:
+    for channel in of_kind("sensor_msgs/msg/JointState"):
         _joints(channel, take)
-    poses = [c for c in free.values() if c.kind == "nav_msgs/msg/Odometry"]
+    poses = of_kind("nav_msgs/msg/Odometry")
     take("reference/odometry", max(poses, key=len, default=None), why="a pose, taken for the reference")
     remarks += [f"/{name}: not used ({channel.kind})" for name, channel in free.items()]
     return found, remarks
+
+
+def _in_other_frames(recording: Recording) -> dict[str, str]:
+    """The topics with the usual name and type whose messages have another frame, each with the frame expected."""
+    expected: dict[str, str] = {}
+    for name, channel in recording.channels.items():
+        about = TOPICS.get(name)
+        frame = about.frame_id if about is not None and about.kind == channel.kind else ""
+        if frame and channel.frame_id not in ("", frame):
+            expected[name] = frame
+    return expected
 
 
 def _measures_rates(channel: Channel) -> bool:

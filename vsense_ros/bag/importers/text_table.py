@@ -11,7 +11,7 @@ import io
 import math
 import re
 import time
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import partial
 from pathlib import Path
@@ -275,13 +275,8 @@ def _fast(lines: _Lines, indices: list[int], as_text: bool) -> dict[int, Any] | 
     used = [str(index) for index in indices]
     types = {name: pa.string() if as_text and name == used[0] else pa.float64() for name in used}
     with lines.open() as file:
-        # Columns of as many rows as there can be, which take memory as they are filled: parts that were put together at
-        # the end would take twice as much.
         file.seek(lines.start)
         most = 1 + sum(block.count(b"\n") for block in iter(partial(file.read, _BLOCK), b""))
-        columns = {name: np.empty(most) for name, kind in types.items() if kind != pa.string()}
-        texts: list[Any] = []
-        count = 0
         file.seek(lines.start)
         try:
             reader = pyarrow.csv.open_csv(
@@ -298,25 +293,32 @@ def _fast(lines: _Lines, indices: list[int], as_text: bool) -> dict[int, Any] | 
                 ),
                 memory_pool=pa.system_memory_pool(),  # which gives back what the rest of the program needs
             )
-            for batch in reader:
-                for name, column in columns.items():
-                    column[count : count + len(batch)] = batch.column(name).to_numpy(zero_copy_only=False)
-                if as_text:
-                    texts.append(batch.column(used[0]))
-                count += len(batch)
+            columns = _filled(reader, types, most)
         except (pa.ArrowInvalid, pa.ArrowTypeError, pa.ArrowNotImplementedError, ValueError):
             return None
-    found: dict[int, Any] = {}
-    for name, index in zip(used, indices, strict=True):
-        if as_text and index == indices[0]:
-            found[index] = pa.chunked_array(texts, pa.string())
-            if found[index].null_count:
-                return None
-        else:
-            found[index] = columns[name][:count]
-            if index == indices[0] and not np.isfinite(found[index]).all():
-                return None
-    return found
+    times = columns[used[0]]
+    if times.null_count if as_text else not np.isfinite(times).all():
+        return None
+    return {index: columns[name] for name, index in zip(used, indices, strict=True)}
+
+
+def _filled(reader: Iterable[Any], types: Mapping[str, Any], most: int) -> dict[str, Any]:
+    """The columns of a table by name: arrays of numbers (n,), and texts as pyarrow has them.
+
+    Numbers go into arrays of as many rows as there can be (`most`), which take memory as they are filled: parts that
+    were put together at the end would take twice as much.
+    """
+    numbers = {name: np.empty(most) for name, kind in types.items() if kind != pa.string()}
+    texts: dict[str, list[Any]] = {name: [] for name in types if name not in numbers}
+    count = 0
+    for batch in reader:
+        for name, column in numbers.items():
+            column[count : count + len(batch)] = batch.column(name).to_numpy(zero_copy_only=False)
+        for name, parts in texts.items():
+            parts.append(batch.column(name))
+        count += len(batch)
+    whole = {name: pa.chunked_array(parts, pa.string()) for name, parts in texts.items()}
+    return {**whole, **{name: column[:count] for name, column in numbers.items()}}
 
 
 def _rows(lines: _Lines) -> Iterator[tuple[int, list[str]]]:

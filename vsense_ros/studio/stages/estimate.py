@@ -198,24 +198,32 @@ def board(
         ]
         marks = curves.to_distance(np.array(laps)) if axis == "distance" else np.array(laps)
         end = float(np.diff(marks).max())
-    whole = len(parts) == 1
+    plots = [_signal_plot(key, curves, name, parts, errors) for name in SINGLE if name in curves.signals]
+    if len(parts) == 1 and not errors:
+        plots += _force_plots(key, curves)
+    label = "distance [m]" if axis == "distance" else "time [s]"
+    return {"axis": axis, "xlabel": label, "end": end, "plots": plots, "marks": []}
+
+
+def _signal_plot(key: str, curves: CurveSet, name: str, parts: list[dict[str, Any]], errors: bool) -> dict[str, Any]:
+    """One signal, or its error, in all parts of the drive; a whole drive has its band and the reference."""
+    about = curves.signals[name]
+    with_band = len(parts) == 1 and not errors
+    traces: list[dict[str, Any]] = []
+    for part in parts:
+        trace = {"set": key, "name": f"{name}:error" if errors else name, **part}
+        if with_band and f"{name}:low" in curves.signals:
+            trace |= {"band": [f"{name}:low", f"{name}:high"], "fill": BAND}
+        traces.append(trace)
+    if with_band and f"{name}:reference" in curves.signals:
+        traces.append({"set": key, "name": f"{name}:reference", "label": "reference", "color": REFERENCE, "dash": True})
+    title = about["label"].capitalize() + (", error" if errors else "")
+    return {"title": title, "unit": about["unit"], "traces": traces, "height": 118}
+
+
+def _force_plots(key: str, curves: CurveSet) -> list[dict[str, Any]]:
+    """The forces of all wheels, a plot for each direction."""
     plots = []
-    for name in SINGLE:
-        if name not in curves.signals:
-            continue
-        about = curves.signals[name]
-        traces: list[dict[str, Any]] = []
-        for part in parts:
-            trace = {"set": key, "name": f"{name}:error" if errors else name, **part}
-            if whole and not errors and f"{name}:low" in curves.signals:
-                trace |= {"band": [f"{name}:low", f"{name}:high"], "fill": BAND}
-            traces.append(trace)
-        if whole and not errors and f"{name}:reference" in curves.signals:
-            traces.append(
-                {"set": key, "name": f"{name}:reference", "label": "reference", "color": REFERENCE, "dash": True}
-            )
-        title = about["label"].capitalize() + (", error" if errors else "")
-        plots.append({"title": title, "unit": about["unit"], "traces": traces, "height": 118})
     for letter, direction in (("z", "Vertical"), ("y", "Lateral"), ("x", "Longitudinal")):
         traces = [
             {
@@ -230,10 +238,9 @@ def board(
             for wheel, colour in WHEELS.items()
             if f"wheel_force_{wheel}_{letter}" in curves.signals
         ]
-        if traces and whole and not errors:
+        if traces:
             plots.append({"title": f"{direction} tyre force", "unit": "kN", "traces": traces, "height": 130})
-    label = "distance [m]" if axis == "distance" else "time [s]"
-    return {"axis": axis, "xlabel": label, "end": end, "plots": plots, "marks": []}
+    return plots
 
 
 def _tables(result: dict[str, Any]) -> None:
