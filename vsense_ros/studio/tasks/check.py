@@ -10,9 +10,10 @@ import numpy as np
 
 import vsense_ros as vs
 from vsense_ros.assess import observability
+from vsense_ros.checks.correcting import mended
 from vsense_ros.checks.examination import findings
 from vsense_ros.checks.finding import Finding
-from vsense_ros.checks.mending import mended, mends
+from vsense_ros.checks.mending import mends
 from vsense_ros.checks.roles import topics_of
 from vsense_ros.checks.sentences import mend_in_words, sentence
 from vsense_ros.errors import InputError
