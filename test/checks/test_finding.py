@@ -16,7 +16,7 @@ from vsense_ros.checks import (
     inspect,
     motion,
     offset,
-    orientation,
+    relations,
     units,
     values,
     watch,
@@ -30,7 +30,7 @@ from vsense_ros.messages.recording import Channel
 
 SETTINGS = [
     type(m.SETTINGS)
-    for m in (clocks, consistency, frames, held, inspect, motion, offset, orientation, units, values, watch)
+    for m in (clocks, consistency, frames, held, inspect, motion, offset, relations, units, values, watch)
 ]
 
 

@@ -59,22 +59,28 @@ def test_versions_are_pinned_in_the_requirement_files_alone() -> None:
     assert not re.search(r"==\d", (ROOT / "setup.py").read_text(encoding="utf-8"))
 
 
-def test_every_file_of_the_package_is_installed() -> None:
-    described = re.search(r"package_data=(\{.*\})", (ROOT / "setup.py").read_text(encoding="utf-8"))
-    assert described is not None
-    packages = [path.parent for path in (ROOT / "vsense_ros").rglob("__init__.py")]
-    patterns = ["*.py", *ast.literal_eval(described[1])[""]]
-    installed = {path for package in packages for pattern in patterns for path in package.glob(pattern)}
+def described_by_setup(monkeypatch: pytest.MonkeyPatch) -> dict[str, Any]:
+    described: dict[str, Any] = {}
+    monkeypatch.setattr(setuptools, "setup", lambda **settings: described.update(settings))
+    monkeypatch.chdir(ROOT)
+    runpy.run_path(str(ROOT / "setup.py"))
+    return described
+
+
+def test_every_file_of_the_package_is_installed(monkeypatch: pytest.MonkeyPatch) -> None:
+    patterns = described_by_setup(monkeypatch)["package_data"]
+    installed: set[Path] = set()
+    for folder in (path.parent for path in (ROOT / "vsense_ros").rglob("__init__.py")):
+        package = ".".join(folder.relative_to(ROOT).parts)
+        for pattern in ("*.py", *patterns[""], *patterns.get(package, ())):
+            installed.update(folder.glob(pattern))
     for path in sorted((ROOT / "vsense_ros").rglob("*")):
         if path.is_file() and "__pycache__" not in path.parts:
             assert path in installed, f"setup.py leaves {path.relative_to(ROOT)} out"
 
 
 def test_studies_and_tests_are_no_part_of_what_is_installed(monkeypatch: pytest.MonkeyPatch) -> None:
-    described: dict[str, Any] = {}
-    monkeypatch.setattr(setuptools, "setup", lambda **settings: described.update(settings))
-    monkeypatch.chdir(ROOT)
-    runpy.run_path(str(ROOT / "setup.py"))
+    described = described_by_setup(monkeypatch)
     assert {name.partition(".")[0] for name in described["packages"]} == {"vsense_ros"}
 
 
