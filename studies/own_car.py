@@ -292,7 +292,7 @@ def newcomer(car: Car) -> Outcome:
         options = [part for key, value in car.catalogue.items() for part in (f"--{key}", f"{value}")]
         terminal.vsense("new-vehicle", "my_car.yaml", *options)
         check = json.loads(terminal.vsense("check", "my_car.yaml", *drives, "--json", allowed=(0, 1)))
-        told = json.loads(
+        calibration = json.loads(
             terminal.vsense("calibrate", *drives, "--vehicle", "my_car.yaml", "--output", "calibrated.yaml", "--json")
         )
         terminal.vsense(
@@ -300,7 +300,7 @@ def newcomer(car: Car) -> Outcome:
         )
         files = ("my_car.yaml", "calibrated.yaml", "identified/vehicle.yaml")
         before, calibrated, after = (figures(car, terminal, file, held_out) for file in files)
-        names = tuple(one["name"] for one in told["quantities"] if one["determined"])
+        names = tuple(one["name"] for one in calibration["quantities"] if one["determined"])
         findings = len(check["findings"]) + len(check["fit"])
         return Outcome(
             tuple(terminal.typed), terminal.seconds / 60, findings, names, before, calibrated, after

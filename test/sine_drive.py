@@ -8,12 +8,26 @@ import numpy as np
 
 from vsense_ros.bag.importers import build
 from vsense_ros.estimation.filter import Array
+from vsense_ros.files.installed import vehicle_path
+from vsense_ros.files.vehicle import load_vehicle
 from vsense_ros.messages.recording import Channel, Recording
+from vsense_ros.model.vehicle import Vehicle
 
 SPEED, RATE, PERIOD = 15.0, 0.25, 8.0  # [m/s], [rad/s] at most, [s]
 REAR = 1.5  # [m] from cog to the rear axle, which rolls without side slip
 ORIGIN = (43.5, -8.2, 0.0)
 EPOCH = 1_600_000_000_000_000_000
+
+
+def car_of_sine_drive() -> Vehicle:
+    """A car whose sensors are mounted at cog, and whose axles and wheels are where the sine drive has them."""
+    found = load_vehicle(vehicle_path("prototype_model"))
+    sensors = {}
+    for name, sensor in found.sensors.items():
+        at = {"position": (0.0, 0.0, 0.0)} if hasattr(sensor, "position") else {}
+        sensors[name] = sensor.model_copy(update=at)
+    changed = found.with_parameters({"chassis.cog_to_rear_axle": 1.5, "rear.track": 1.6, "rear.unloaded_radius": 0.306})
+    return changed.model_copy(update={"sensors": sensors})
 
 
 class SineDrive:

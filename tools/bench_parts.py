@@ -181,7 +181,7 @@ PARTS = {
 
 
 def processor_time() -> float:
-    """Of this process and of those that it started [s]: the time for which it waited on a busy machine is not in it."""
+    """Processor time of this process and of those that it started [s]; waiting on a busy machine does not count."""
     children = resource.getrusage(resource.RUSAGE_CHILDREN)
     return time.process_time() + children.ru_utime + children.ru_stime
 

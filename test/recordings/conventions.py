@@ -113,7 +113,7 @@ def drives() -> Iterator[Wrong]:
 
 
 def same(one: Recording, other: Recording) -> bool:
-    """Whether two recordings have the same values on the topics of sensors."""
+    """True if two recordings have the same values on the topics of sensors."""
     return all(
         one[topic].names == other[topic].names
         and all(np.allclose(one[topic].columns[f], v, equal_nan=True) for f, v in other[topic].columns.items())
@@ -129,7 +129,7 @@ def side_slip(recording: Recording, vehicle: str) -> float:
 
 
 def judged(one: Wrong, harm: Callable[[Recording, str], float] = side_slip) -> tuple[bool, bool]:
-    """Whether what was mended is right, and whether it does harm."""
+    """Two flags: the mend gives the right recording; the mend makes the side slip worse than it was without."""
     after = mended(one.wrong, mends(one.wrong))
     if same(after, one.right):
         return True, False

@@ -7,10 +7,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from sine_drive import EPOCH, SineDrive
+from sine_drive import EPOCH, SineDrive, car_of_sine_drive
 from vsense_ros.errors import InputError
-from vsense_ros.files.installed import vehicle_path
-from vsense_ros.files.vehicle import load_vehicle
 from vsense_ros.messages.diagnostic import Level
 from vsense_ros.messages.recording import Recording
 from vsense_ros.model.vehicle import Vehicle
@@ -24,14 +22,7 @@ NAME = "strapdown"
 
 @pytest.fixture(scope="module")
 def car() -> Vehicle:
-    """Whose sensors are mounted at cog, and whose axles are where the sine drive has them."""
-    found = load_vehicle(vehicle_path("prototype_model"))
-    sensors = {}
-    for name, sensor in found.sensors.items():
-        at = {"position": (0.0, 0.0, 0.0)} if hasattr(sensor, "position") else {}
-        sensors[name] = sensor.model_copy(update=at)
-    changed = found.with_parameters({"chassis.cog_to_rear_axle": 1.5, "rear.track": 1.6, "rear.unloaded_radius": 0.306})
-    return changed.model_copy(update={"sensors": sensors})
+    return car_of_sine_drive()
 
 
 @pytest.fixture(scope="module")

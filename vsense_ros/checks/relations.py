@@ -93,9 +93,10 @@ class Relations:
     """What sensors say of each other, as far as it is sure.
 
     `turns` has +1 for each pair of sources of a turning rate that go along, and -1 for each that go against each other;
-    `yaw_axes` the axis of the gyro (3,) with its sign that turns as a source says, by source; `pushes` likewise +1 or
-    -1 for the wheels against the speed over ground. `force_errors` has the mean error [m/s²] that each orientation of
-    the accelerometer, a matrix as a `key`, leaves against the change of speed, the turning of `reference` and gravity;
+    `yaw_axes` the axis of the gyro (3,) with its sign that turns as a source says, by source;
+    `wheel_push` is the sign of the change of the wheels' speed against that over ground, `wheels_forward` that of the
+    wheels' speed itself, 0 where it is not sure. `force_errors` has the mean error [m/s²] that each orientation of the
+    accelerometer, a matrix as a `key`, leaves against the change of speed, the turning of `reference` and gravity;
     `lateral` has the sign of a lateral acceleration without a longitudinal one against each turning rate, and `up` is
     the axis (3,) on which gravity is. `form` (2, 2) takes the change of the position to the velocity.
     """

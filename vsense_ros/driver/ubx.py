@@ -74,7 +74,8 @@ class PositionVelocityTime(NamedTuple):
 
 
 class RelativePosition(NamedTuple):
-    """The payload of NAV-RELPOSNED, likewise; the fractions of its lengths are hundredths of their unit."""
+    """The payload of NAV-RELPOSNED in its own units (u-blox F9 interface description): lengths in cm, their
+    fractions (HP) and the accuracy of the vertical component in 0.1 mm, angles in 1e-5 deg."""
 
     iTOW: int
     relPosD: int

@@ -128,7 +128,8 @@ def _with(delimiter: str, lines: Sequence[str]) -> tuple[int, Dialect] | None:
 
 
 def _rank(found: tuple[int, Dialect]) -> tuple[bool, int]:
-    """Whether a header has as many names as the rows have cells, and in steps how many values there are below it."""
+    """What makes one reading of a table better than another: a header with as many names as the rows have cells, then,
+    where the header is too short, more values below it."""
     count, table = found
     widths = [max((i + 1 for i, cell in enumerate(row) if cell), default=0) for row in table.rows]
     wide = len(table.header) >= max(set(widths), key=widths.count)

@@ -1,6 +1,6 @@
 """What the workers of the workbench do, one file for each stage: plain functions of options that give JSON.
 
-A task takes its options, a folder for what it writes, and a function that is told the share done. It raises
+A task takes its options, a folder for what it writes, and a function that is called with the share done. It raises
 `InputError` where the input cannot be used.
 """
 
