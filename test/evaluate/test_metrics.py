@@ -12,7 +12,7 @@ from scipy.stats import chi2
 
 from synthetic_drives import START, channel, odometry, recording, slalom
 from vsense_ros.evaluate.metrics import align, compare, lag, score, without_reference
-from vsense_ros.evaluate.signals import SIGNALS, Series, euler_angles, read_signals
+from vsense_ros.evaluate.signals import SIGNALS, Series, curve, euler_angles, read_signals
 
 PERIOD = 2.0  # of the sinusoids [s]
 OMEGA = 2.0 * np.pi / PERIOD
@@ -252,3 +252,28 @@ def test_a_heading_that_the_filter_does_not_know_is_not_scored():
     assert found.known == pytest.approx(0.6)
     assert found.nees == pytest.approx(0.25)
     assert score(replace(estimate, deviation=np.full(len(seconds), np.pi)), truth) is None
+
+
+def test_an_interruption_of_frequent_estimates_is_not_bridged():
+    seconds = np.concatenate([np.arange(0.0, 2.0, 0.01), np.arange(2.3, 5.0, 0.01)])
+    truth = series(np.arange(0.0, 4.95, 0.05), np.zeros(99))
+    covered = (align(series(seconds, np.zeros(len(seconds))), truth).stamp - START) * 1e-9
+    assert not np.any((covered > 1.991) & (covered < 2.299))
+    assert len(covered) == 93  # 2.00 to 2.25 s are missing
+
+
+@given(gap=st.floats(0.2, 5.0), at=st.integers(1, 4999), seed=st.integers(0, 100), points=st.sampled_from([50, 5000]))
+def test_a_drawn_curve_keeps_its_extremes_and_is_interrupted_where_the_signal_is(gap, at, seed, points):
+    seconds = np.arange(points) * 0.01
+    at = at % (points - 1) + 1
+    seconds[at:] += gap
+    value = np.random.default_rng(seed).normal(size=points)
+    stamp = START + np.round(seconds * 1e9).astype(np.int64)
+    time, drawn, doubled = curve(stamp, START, value, 2.0 * value)
+    assert np.all(np.diff(time) > 0)
+    assert np.nanmin(drawn) == value.min()
+    assert np.nanmax(drawn) == value.max()
+    assert np.array_equal(doubled, 2.0 * drawn, equal_nan=True)
+    (interrupted,) = np.flatnonzero(np.isnan(drawn))
+    assert time[interrupted - 1] == pytest.approx(seconds[at - 1])
+    assert time[interrupted + 1] == pytest.approx(seconds[at])

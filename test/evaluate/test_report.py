@@ -305,3 +305,20 @@ def test_thinning_keeps_a_peak_of_a_single_sample():
     rows = thin(value)
     assert len(rows) <= 1600
     assert 54_321 in rows
+
+
+def test_where_no_estimate_came_no_curve_is_drawn_and_the_seconds_are_said(whole, tmp_path, still):
+    def interrupted(one):
+        time = (one.stamp - one.stamp[0]) * 1e-9
+        return one.select((time < 5.0) | (time > 8.0))
+
+    output = Recording({topic: interrupted(one) for topic, one in whole.output.channels.items()})
+    gappy = drive(output, whole.input)
+    assert "3.0 s without an estimate" in gappy.facts()
+    assert not any("without an estimate" in fact for fact in whole.facts())
+    curves = [line for axes in compose(gappy).axes for line in axes.lines if line.get_color() == "#0072B2"]
+    assert len(curves) >= 8
+    for line in curves:
+        time, value = line.get_data()
+        assert not np.any((time > 5.01) & (time < 7.99) & np.isfinite(value))
+        assert np.isnan(value).any()

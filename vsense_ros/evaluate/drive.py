@@ -12,7 +12,7 @@ from vsense_ros.checks.inspect import TopicInfo, inspect
 from vsense_ros.evaluate.balance import Balance, balance
 from vsense_ros.evaluate.baselines import trivial
 from vsense_ros.evaluate.metrics import SignalScore, compare, without_reference
-from vsense_ros.evaluate.signals import find_channel
+from vsense_ros.evaluate.signals import find_channel, gaps
 from vsense_ros.messages.diagnostic import Diagnostic
 from vsense_ros.messages.recording import Recording
 from vsense_ros.model.sensors import known_topics
@@ -146,7 +146,17 @@ class Drive:
                 slow, fast = speed[known].min() * 3.6, speed[known].max() * 3.6
                 found.append(f"{slow:.0f}–{fast:.0f} km/h")
                 break
+        missing = self.without_estimate()
+        if missing:
+            found.append(f"{missing:.1f} s without an estimate")
         return found
+
+    def without_estimate(self) -> float:
+        """How long the output was interrupted, all its gaps together [s]."""
+        odometry = find_channel(self.output, "vsense/odometry")
+        if odometry is None:
+            return 0.0
+        return float(sum(end - begin for begin, end in gaps(np.sort(odometry.stamp)))) * 1e-9
 
 
 def _finite(value: float) -> float | None:

@@ -12,10 +12,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vsense_ros.checks.lags import lag_curve, refined
-from vsense_ros.evaluate.signals import Array, Series, read_signals, wrap
+from vsense_ros.evaluate.signals import Array, Series, longest_period, read_signals, wrap
 from vsense_ros.messages.recording import Recording
 
-LONGEST_GAP = 0.5  # between two estimates, to interpolate between them [s]
+LONGEST_GAP = 0.5  # between two estimates, to interpolate between them [s]; of frequent ones ten periods
 SPARSEST = 100.0  # steps of the grid for each value, beyond which two series are gaps rather than a common time
 LONGEST_LAG = 1.0  # that is searched for [s]
 NO_DIFFERENCE = 1e-6  # of both variances, which the lag has to make to be known
@@ -126,7 +126,8 @@ def align(estimate: Series, truth: Series) -> Aligned:
     """Bring an estimate to the stamps of the truth, leaving out what it does not cover."""
     angle = truth.signal.angle
     times = (truth.stamp - truth.stamp[0]) * 1e-9 if len(truth) else np.zeros(0)
-    value, known = _resample(estimate, truth.stamp[0] if len(truth) else 0, times, LONGEST_GAP)
+    longest_gap = min(longest_period(estimate.stamp), LONGEST_GAP)
+    value, known = _resample(estimate, truth.stamp[0] if len(truth) else 0, times, longest_gap)
     value, stamp, reference = value[known], truth.stamp[known], truth.value[known]
     if angle and len(reference):
         reference = np.unwrap(reference, axis=0)

@@ -17,11 +17,10 @@ from matplotlib.collections import LineCollection
 from matplotlib.colors import Normalize
 from matplotlib.figure import Figure
 from matplotlib.gridspec import GridSpec
-from numpy.typing import NDArray
 
 from vsense_ros.evaluate.drive import Drive
 from vsense_ros.evaluate.metrics import SignalScore, align
-from vsense_ros.evaluate.signals import MOST_POINTS, SIGNALS, Array, Series, Signal, read_signals, thin
+from vsense_ros.evaluate.signals import MOST_POINTS, SIGNALS, Array, Series, Signal, curve, read_signals
 from vsense_ros.files.names import drawn
 from vsense_ros.messages.topics import WHEELS
 
@@ -227,11 +226,9 @@ def _signal(axes: Axes, estimate: Series | None, truth: Series | None, start: in
     if estimate is None:
         _say(axes, "not estimated")
         return
-    rows = thin(estimate.shown())
-    seconds, value = (estimate.stamp[rows] - start) * 1e-9, estimate.shown()[rows]
-    axes.plot(seconds, value, color=ESTIMATE, label="estimate", zorder=2)
+    axes.plot(*_curve(estimate, start), color=ESTIMATE, label="estimate", zorder=2)
     if (band := estimate.band()) is not None:
-        two = band[rows]
+        seconds, value, two = curve(estimate.stamp, start, estimate.shown(), band)
         axes.fill_between(seconds, value - two, value + two, color=BAND, alpha=0.55, lw=0.0, label="±2σ", zorder=1)
     axes.set_ylim(value_limits(estimate, truth))
 
@@ -262,12 +259,10 @@ def _residual(axes: Axes, found: SignalScore | None, estimate: Series | None, tr
     axes.text(1.0, 1.045, in_words(signal, found), transform=axes.transAxes, ha="right", fontsize=8.0, color=MUTED)
     aligned = align(estimate, truth)
     error = aligned.error[:, 0] * signal.shown_per_unit
-    rows = thin(error)
-    seconds = (aligned.stamp[rows] - start) * 1e-9
     axes.axhline(0.0, color="#b8b8b8", lw=0.8, zorder=1)
-    axes.plot(seconds, error[rows], color=ESTIMATE, lw=1.0, zorder=3)
+    axes.plot(*curve(aligned.stamp, start, error), color=ESTIMATE, lw=1.0, zorder=3)
     if (band := estimate.band()) is not None:
-        two = np.interp(aligned.stamp[rows], estimate.stamp, band)
+        seconds, _, two = curve(aligned.stamp, start, error, np.interp(aligned.stamp, estimate.stamp, band))
         axes.fill_between(seconds, -two, two, color=BAND, alpha=0.45, lw=0.0, zorder=0)
     limit = 1.15 * max(float(np.quantile(np.abs(error), 0.999)), 1e-9)
     axes.set_ylim(-limit, limit)
@@ -312,8 +307,8 @@ def _friction(axes: Axes, estimates: Mapping[str, Series], start: int) -> None:
         values = [force.value[np.searchsorted(force.stamp, stamp), 0] for force in (x, y, z)]
         used = np.where(values[2] > 50.0, np.hypot(values[0], values[1]) / np.maximum(values[2], 50.0), np.nan)
         peaks.append(float(np.quantile(np.nan_to_num(used), 0.999)))
-        rows = thin(np.nan_to_num(used))
-        axes.plot((stamp[rows] - start) * 1e-9, used[rows], color=WHEEL_COLOURS[wheel], lw=1.0, label=wheel.upper())
+        seconds, _, shown = curve(stamp, start, np.nan_to_num(used), used)
+        axes.plot(seconds, shown, color=WHEEL_COLOURS[wheel], lw=1.0, label=wheel.upper())
     axes.set_ylabel("|F$_{xy}$| / F$_z$ [–]")
     axes.set_xlabel("time [s]")
     axes.margins(x=0.01)
@@ -338,6 +333,5 @@ def _say(axes: Axes, words: str) -> None:
     axes.grid(visible=False)
 
 
-def _curve(series: Series, start: int) -> tuple[NDArray[np.floating], Array]:
-    rows = thin(series.shown())
-    return (series.stamp[rows] - start) * 1e-9, series.shown()[rows]
+def _curve(series: Series, start: int) -> tuple[Array, ...]:
+    return curve(series.stamp, start, series.shown())

@@ -16,7 +16,7 @@ from vsense_ros.evaluate.balance import Balance
 from vsense_ros.evaluate.drive import Drive
 from vsense_ros.evaluate.html_page import embedded, write_page
 from vsense_ros.evaluate.picture import BAND, ESTIMATE, MUTED, TRUTH, WHEEL_COLOURS, draw, value_limits
-from vsense_ros.evaluate.signals import SIGNALS, Series, read_signals, thin
+from vsense_ros.evaluate.signals import SIGNALS, Series, curve, read_signals
 from vsense_ros.evaluate.wording import HEADINGS, LEGEND, named, score_cells
 from vsense_ros.messages.topics import WHEELS
 
@@ -191,26 +191,24 @@ def _unbalanced(found: Balance, start: int) -> list[go.Scatter]:
     loads = [name for name in ("vertical force", "front load", "rear load") if name in found.told]
     for name, colour in zip(loads or found.told, _OF_SHARES, strict=False):
         share = 100 * found.of(name)
-        rows = thin(share)
-        seconds, line = _short((found.stamp[rows] - start) * 1e-9, 3), {"color": colour, "width": 1.2}
-        traces.append(go.Scatter(x=seconds, y=_short(share[rows], 2), mode="lines", line=line, name=name))
+        seconds, shown = curve(found.stamp, start, share)
+        line = {"color": colour, "width": 1.2}
+        traces.append(go.Scatter(x=_short(seconds, 3), y=_short(shown, 2), mode="lines", line=line, name=name))
     return traces
 
 
 def _traces(estimate: Series, truth: Series | None, start: int, label: str, colour: str) -> list[go.Scatter]:
     """Band, estimate and reference of one signal."""
-    shown = estimate.shown()
-    rows = thin(shown)
-    seconds = _short((estimate.stamp[rows] - start) * 1e-9, 3)
     found: list[go.Scatter] = []
     if (band := estimate.band()) is not None:
-        two = band[rows]
+        times, shown, two = curve(estimate.stamp, start, estimate.shown(), band)
+        seconds = _short(times, 3)
         hidden = {"mode": "lines", "line": {"width": 0}, "hoverinfo": "skip", "legendgroup": "band"}
-        found.append(go.Scatter(x=seconds, y=_short(shown[rows] - two, 5), **hidden))
+        found.append(go.Scatter(x=seconds, y=_short(shown - two, 5), **hidden))
         found.append(
             go.Scatter(
                 x=seconds,
-                y=_short(shown[rows] + two, 5),
+                y=_short(shown + two, 5),
                 fill="tonexty",
                 fillcolor=f"rgba{(*(int(BAND[i : i + 2], 16) for i in (1, 3, 5)), 0.5)}",
                 name="±2σ",
@@ -218,14 +216,14 @@ def _traces(estimate: Series, truth: Series | None, start: int, label: str, colo
             )
         )
     line = {"color": colour, "width": 1.4}
-    y = _short(shown[rows], 5)
+    seconds, y = _points(estimate, start)
     found.append(go.Scatter(x=seconds, y=y, mode="lines", line=line, name=label, legendgroup=label))
     if truth is not None:
-        rows = thin(truth.shown())
+        seconds, y = _points(truth, start)
         found.append(
             go.Scatter(
-                x=_short((truth.stamp[rows] - start) * 1e-9, 3),
-                y=_short(truth.shown()[rows], 5),
+                x=seconds,
+                y=y,
                 mode="lines",
                 line={"color": TRUTH, "width": 1.0, "dash": "dash"},
                 name="reference",
@@ -233,6 +231,12 @@ def _traces(estimate: Series, truth: Series | None, start: int, label: str, colo
             )
         )
     return found
+
+
+def _points(series: Series, start: int) -> tuple[list[float], list[float]]:
+    """Times [s] and values of a curve, rounded."""
+    times, shown = curve(series.stamp, start, series.shown())
+    return _short(times, 3), _short(shown, 5)
 
 
 def _short(values: Any, digits: int) -> list[float]:

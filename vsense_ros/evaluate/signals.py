@@ -18,6 +18,7 @@ from vsense_ros.messages.recording import Channel, Recording
 from vsense_ros.messages.topics import WHEELS
 
 MOST_POINTS = 1600  # of a curve, beyond which neither print nor screen shows more
+PERIODS_OF_A_GAP = 10.0  # the usual time from one value to the next, after which a signal was interrupted
 SLOWEST_SIDE_SLIP = 3.0  # below this speed the angle of the velocity vector says nothing [m/s]
 # Standard deviation from which a heading is not known [rad]; that of one that may be anywhere is 104°.
 UNKNOWN_HEADING = pi / 3
@@ -220,3 +221,28 @@ def thin(value: Array, points: int = MOST_POINTS) -> NDArray[np.intp]:
     edges = np.linspace(0, len(value), bins + 1).astype(int)
     rows = [first + pick(value[first:last]) for first, last in pairwise(edges) for pick in (np.argmin, np.argmax)]
     return np.unique(np.array(rows, dtype=np.intp))
+
+
+def longest_period(stamp: NDArray[np.int64]) -> float:
+    """Time from one value to the next [s] beyond which a signal with these stamps [ns] was interrupted."""
+    return PERIODS_OF_A_GAP * float(np.median(np.diff(stamp))) * 1e-9 if len(stamp) > 1 else 0.0
+
+
+def gaps(stamp: NDArray[np.int64]) -> NDArray[np.int64]:
+    """(n, 2) last stamp before and first after each interruption of a signal with these stamps [ns]."""
+    before = np.flatnonzero(np.diff(stamp) * 1e-9 > longest_period(stamp))
+    return np.column_stack([stamp[before], stamp[before + 1]])
+
+
+def curve(stamp: NDArray[np.int64], start: int, *values: Array) -> tuple[Array, ...]:
+    """Times after `start` [ns] in seconds, and values (n,), of curves as they are drawn.
+
+    They keep the extremes of the first one (`thin`), and are not a number within an interruption, where no line may
+    lead from one side to the other.
+    """
+    interrupted = gaps(stamp)
+    rows = np.union1d(thin(values[0]), np.searchsorted(stamp, interrupted.ravel())).astype(np.intp)
+    places = np.searchsorted(stamp[rows], interrupted[:, 1])
+    times = (stamp[rows] - start) * 1e-9
+    middles = (interrupted.mean(axis=1) - start) * 1e-9
+    return np.insert(times, places, middles), *(np.insert(value[rows], places, np.nan) for value in values)

@@ -8,6 +8,7 @@ says (`adapter`).
 
 from __future__ import annotations
 
+from bisect import insort
 from collections.abc import Callable, Iterable
 from typing import Any
 
@@ -98,6 +99,7 @@ class Runner:
             afterwards=adapter.after_event,
             fault=self._recover,
         )
+        self._early: list[Event] = []  # readings from beyond the newest state, in the order of their measurement
         adapter.attach(self.intake, self._timeline)
         self.placement = Placement() if adapter.has_position else None
         self.resets = Resets(adapter, self.intake)
@@ -162,11 +164,36 @@ class Runner:
                 if self.stamp < self._started_at + UNSURE and self.adapter.contradicts_start(event):
                     continue
                 self.intake.believe(index, sample.stamp)
-                self.adapter.measured(event)
-                self.judges.hear(event)
-                if self._timeline.add(event):
-                    self.health[index].late += 1
-                self._settle()
+                if event.stamp > max(self.stamp, sample.stamp):
+                    self._keep_early(event)
+                    continue
+                if self._early:
+                    self._use_early(event.stamp)
+                self._use(event)
+
+    def _use(self, event: Event) -> None:
+        """Let the filter have a reading, at the time it was measured."""
+        self.adapter.measured(event)
+        self.judges.hear(event)
+        if self._timeline.add(event):
+            self.health[event.sensor].late += 1
+        self._settle()
+
+    def _keep_early(self, event: Event) -> None:
+        """Keep a reading until others are from its time, or until the next one of its sensor.
+
+        A clock that stamps early (a negative `latency`) may deliver a reading before the time that it belongs to. The
+        filter would go ahead to it, and back for all that other sensors measure until then.
+        """
+        earlier = [early.stamp for early in self._early if early.sensor == event.sensor]
+        if earlier:
+            self._use_early(earlier[0])
+        insort(self._early, event, key=lambda early: early.stamp)
+
+    def _use_early(self, stamp: int) -> None:
+        """Use the readings that waited for a time [ns]."""
+        while self._early and self._early[0].stamp <= stamp:
+            self._use(self._early.pop(0))
 
     def readings(self, samples: Iterable[Sample]) -> list[Event]:
         """The readings in the messages of a whole recording that can be true, in the order of their measurement."""
@@ -233,6 +260,7 @@ class Runner:
         self.restarts += 1
         self.started = False
         self._timeline.clear()
+        self._early.clear()
         self.intake.forget_clocks()
         self.adapter.stop(valid)
 
@@ -385,6 +413,7 @@ class Runner:
     def snapshot_at(self, stamp: int) -> Any:
         """The state predicted to a time [ns] at or after the newest measurement, as `snapshot`."""
         if self.started:
+            self._use_early(stamp)
             self._timeline.go_on(stamp)
         return self.snapshot()
 
