@@ -411,11 +411,12 @@ def can_survey(databases: Path, out: Path) -> None:
 @main.command("own-car")
 @click.option("--out", type=NEW_FILE, default=Path("out/own_car.json"), show_default=True, help="File.")
 @click.option("--car", "only", multiple=True, metavar="NAME", help="One of the cars; repeatable; default: all.")
+@click.option("--keep", type=click.Path(file_okay=False, path_type=Path), help="Folder in which all files stay.")
 @click.option(
     "--databases", type=click.Path(path_type=Path), default=Path("opendbc/opendbc/dbc"), show_default=True,
     help="The folder opendbc/dbc of a clone of opendbc; without it there are no figures of `vsense can`.",
 )  # fmt: skip
-def own_car(out: Path, only: tuple[str, ...], databases: Path) -> None:
+def own_car(out: Path, only: tuple[str, ...], keep: Path | None, databases: Path) -> None:
     """A newcomer's way with cars that are not ours: catalogue values, import of foreign logs, check, calibration,
     identification, estimate on a held-out drive.
 
@@ -434,7 +435,7 @@ def own_car(out: Path, only: tuple[str, ...], databases: Path) -> None:
     outcomes = {}
     table = plain_table("car", "", "side slip [°]", "within 2σ", "yaw rate [°/s]", "Fz [%]", "minutes")
     for car in job.cars(only):
-        outcomes[car.name] = one = job.newcomer(car)
+        outcomes[car.name] = one = job.newcomer(car, keep)
         rows = (("catalogue", one.before), ("calibrated", one.by_calibration), ("identified", one.after))
         for words, row in rows:
             cells = ["–" if value is None else f"{value:.3g}" for value in row.values()]

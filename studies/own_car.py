@@ -15,9 +15,8 @@ import subprocess
 import sys
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, field, replace
-from functools import cache, partial
-from importlib import import_module
+from dataclasses import dataclass, field
+from functools import partial
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any
@@ -26,6 +25,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from studies.own_car_logs import FORMATS, LogFormat
+from studies.own_car_plants import PLANTS, Plant, blind, simulated
 from vsense_ros.api.recording import read
 from vsense_ros.bag import datasets, write_bag
 from vsense_ros.bag.importers import import_recording
@@ -61,9 +61,6 @@ class OwnCarSettings:
 
 
 SETTINGS = OwnCarSettings()
-# Name, duration [s], fastest, slowest [m/s], tightest bend [m], lateral acceleration [m/s²].
-DRIVES = (("town", 60.0, 14.0, 5.0, 14.0, 2.8), ("rural road", 60.0, 22.0, 10.0, 40.0, 3.4))
-HELD_OUT = ("way home", 40.0, 19.0, 9.0, 28.0, 3.2)
 
 
 @dataclass(frozen=True)
@@ -157,77 +154,10 @@ def _reference_of(recording: Recording) -> Truth:
     )  # fmt: skip
 
 
-@dataclass(frozen=True)
-class Plant:
-    """A car of the blind examination: the kind of its plant, which of the three types it is, the seed of what it hides,
-    and how it logs."""
-
-    name: str
-    kind: str
-    which: int
-    seed: int
-    log: str
-
-
-PLANTS = (
-    Plant("hatchback", "newton_euler", 0, 7, "German CAN"),
-    Plant("saloon", "mujoco_tree", 1, 11, "American CAN"),
-    Plant("sport utility", "newton_euler", 2, 13, "Asian CAN"),
-    Plant("estate", "newton_euler", 1, 17, "foreign bag"),
-    Plant("city car", "mujoco_tree", 0, 19, "table"),
-)
-
-
-@dataclass(frozen=True)
-class Hidden:
-    """What a simulated car hides: its numbers, its drives, and the generator of what its sensors and catalogue err."""
-
-    car: Any
-    courses: tuple[Any, ...]
-    rng: np.random.Generator
-
-
-def _blind(part: str) -> Any:
-    """A module of the blind examination."""
-    if str(ROOT / "test") not in sys.path:
-        sys.path.append(str(ROOT / "test"))
-    return import_module(f"blind.{part}")
-
-
-def _hidden(one: Plant) -> Hidden:
-    """Masses, springs, tyres and dimensions a few per cent off the car's type, and its drives, drawn by its seed."""
-    rng = np.random.default_rng(one.seed)
-    cars, courses = _blind("cars"), _blind("courses")
-    kind = cars.CARS[one.which]
-    factor = rng.uniform(0.97, 1.03, 3)
-    hidden = replace(kind, mass=kind.mass * factor[0], cog_height=kind.cog_height * factor[1],
-                     yaw_inertia=kind.yaw_inertia * factor[2])  # fmt: skip
-    roads = tuple(
-        replace(courses.road(rng, duration, *limits, drive), roughness=0.002, seed=int(rng.integers(2**31)))
-        for drive, duration, *limits in (*DRIVES, HELD_OUT)
-    )
-    return Hidden(hidden, roads, rng)
-
-
-@cache
-def _simulated(kind: str) -> dict[str, tuple[Hidden, list[dict[str, Array]]]]:
-    """What happened on all drives of all cars of a kind of plant, which are simulated side by side, by name."""
-    cars = _blind("cars")
-    hidden = {one.name: _hidden(one) for one in PLANTS if one.kind == kind}
-    courses = [course for one in hidden.values() for course in one.courses]
-    motion = _blind(f"plants.{kind}").simulate(
-        cars.side_by_side([one.car for one in hidden.values() for _ in one.courses]),
-        _blind("knobs").side_by_side([{}] * len(courses)), courses,
-        _blind("tyres").mixed(["magic_formula_1989"] * len(courses)),
-    )  # fmt: skip
-    lanes = iter([motion.lane(i, course.duration) for i, course in enumerate(courses)])
-    return {name: (one, [next(lanes) for _ in one.courses]) for name, one in hidden.items()}
-
-
 def plant(one: Plant) -> Car:
     """A simulated car with the recordings of its sensors, and errors in its catalogue values."""
-    hidden, lanes = _simulated(one.kind)[one.name]
-    car, rng, sensors = hidden.car, hidden.rng, _blind("sensors")
+    hidden, lanes = simulated(one.kind)[one.name]
+    car, rng, sensors = hidden.car, hidden.rng, blind("sensors")
     grade = sorted(sensors.GRADES)[0]
     bench = sensors.Bench(grade, sensors.Mounting.drawn(rng), sensors.Biases.drawn(sensors.GRADES[grade], rng), {})
     recordings = [
@@ -284,10 +214,13 @@ class Terminal:
         return done.stdout
 
 
-def newcomer(car: Car) -> Outcome:
-    """The way of a newcomer with a car, by commands in a folder of its own."""
+def newcomer(car: Car, kept: Path | None = None) -> Outcome:
+    """The way of a newcomer with a car, by commands in a folder of its own; with `kept`, a folder that stays, in a
+    folder there that has the car's name."""
     with TemporaryDirectory() as temporary:
-        terminal = Terminal(Path(temporary))
+        folder = Path(temporary) if kept is None else kept / car.name.replace(" ", "_")
+        folder.mkdir(parents=True, exist_ok=True)
+        terminal = Terminal(folder)
         drives, held_out = _imported(car, terminal)
         options = [part for key, value in car.catalogue.items() for part in (f"--{key}", f"{value}")]
         terminal.vsense("new-vehicle", "my_car.yaml", *options)

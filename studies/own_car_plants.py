@@ -1,0 +1,126 @@
+"""Simulated cars of the study of an own car: plants of test/blind, which share no equation with the package.
+
+What a car hides is drawn by its seed. Simulating it takes minutes, so the motion on all drives is kept in the user's
+cache under a name made from the code of the plants and everything that was simulated.
+"""
+
+from __future__ import annotations
+
+import pickle
+import sys
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from functools import cache
+from hashlib import sha256
+from importlib import import_module
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from vsense_ros.cache import digest_of, user_folder
+from vsense_ros.files.atomic import in_place_of
+
+Array = NDArray[np.float64]
+Lane = Mapping[str, Array]
+
+TESTS = Path(__file__).parents[1] / "test"
+TYRE = "magic_formula_1989"
+# Name, duration [s], fastest, slowest [m/s], tightest bend [m], lateral acceleration [m/s²].
+DRIVES = (("town", 60.0, 14.0, 5.0, 14.0, 2.8), ("rural road", 60.0, 22.0, 10.0, 40.0, 3.4))
+HELD_OUT = ("way home", 40.0, 19.0, 9.0, 28.0, 3.2)
+
+
+@dataclass(frozen=True)
+class Plant:
+    """A car of the blind examination: the kind of its plant, which of the three types it is, the seed of what it hides,
+    and how it logs."""
+
+    name: str
+    kind: str
+    which: int
+    seed: int
+    log: str
+
+
+PLANTS = (
+    Plant("hatchback", "newton_euler", 0, 7, "German CAN"),
+    Plant("saloon", "mujoco_tree", 1, 11, "American CAN"),
+    Plant("sport utility", "newton_euler", 2, 13, "Asian CAN"),
+    Plant("estate", "newton_euler", 1, 17, "foreign bag"),
+    Plant("city car", "mujoco_tree", 0, 19, "table"),
+)
+
+
+@dataclass(frozen=True)
+class Hidden:
+    """What a simulated car hides: its numbers, its drives, and the generator of what its sensors and catalogue err."""
+
+    car: Any
+    courses: tuple[Any, ...]
+    rng: np.random.Generator
+
+
+def blind(part: str) -> Any:
+    """A module of the blind examination."""
+    if str(TESTS) not in sys.path:
+        sys.path.append(str(TESTS))
+    return import_module(f"blind.{part}")
+
+
+def hidden(one: Plant) -> Hidden:
+    """Masses, springs, tyres and dimensions a few per cent off the car's type, and its drives, drawn by its seed."""
+    rng = np.random.default_rng(one.seed)
+    cars, courses = blind("cars"), blind("courses")
+    kind = cars.CARS[one.which]
+    factor = rng.uniform(0.97, 1.03, 3)
+    car = replace(kind, mass=kind.mass * factor[0], cog_height=kind.cog_height * factor[1],
+                  yaw_inertia=kind.yaw_inertia * factor[2])  # fmt: skip
+    roads = tuple(
+        replace(courses.road(rng, duration, *limits, drive), roughness=0.002, seed=int(rng.integers(2**31)))
+        for drive, duration, *limits in (*DRIVES, HELD_OUT)
+    )
+    return Hidden(car, roads, rng)
+
+
+@cache
+def simulated(kind: str) -> Mapping[str, tuple[Hidden, Sequence[Lane]]]:
+    """What happened on all drives of all cars of a kind of plant, by the car's name: columns by name (rows, columns)
+    at 200 Hz. The cars are simulated side by side, or their motion is read from the cache."""
+    cars = {one.name: hidden(one) for one in PLANTS if one.kind == kind}
+    stored = user_folder() / "own_car" / f"{kind}-{_identity(kind, list(cars.values()))}.npz"
+    if not stored.exists():
+        _store(stored, _simulate(kind, list(cars.values())))
+    with np.load(stored) as content:
+        columns: list[dict[str, Array]] = [{} for one in cars.values() for _ in one.courses]
+        for key, values in content.items():
+            lane, _, name = key.partition(" ")
+            columns[int(lane)][name] = values.astype(float)
+    lanes = iter(columns)
+    return {name: (one, [next(lanes) for _ in one.courses]) for name, one in cars.items()}
+
+
+def _simulate(kind: str, cars: Sequence[Hidden]) -> list[Lane]:
+    courses = [course for one in cars for course in one.courses]
+    motion = blind(f"plants.{kind}").simulate(
+        blind("cars").side_by_side([one.car for one in cars for _ in one.courses]),
+        blind("knobs").side_by_side([{}] * len(courses)), courses, blind("tyres").mixed([TYRE] * len(courses)),
+    )  # fmt: skip
+    return [motion.lane(i, course.duration) for i, course in enumerate(courses)]
+
+
+def _store(path: Path, lanes: Sequence[Lane]) -> None:
+    """Keep the motion as the plants log it: in single precision."""
+    path.parent.mkdir(parents=True, exist_ok=True)
+    content: dict[str, Any] = {
+        f"{i} {name}": column.astype(np.float32) for i, lane in enumerate(lanes) for name, column in lane.items()
+    }
+    with in_place_of(path) as fresh, fresh.open("wb") as file:
+        np.savez_compressed(file, **content)
+
+
+def _identity(kind: str, cars: Sequence[Hidden]) -> str:
+    """Hash of what decides the motion: the code of the blind examination, NumPy, and the cars with their drives."""
+    code = f"{digest_of(TESTS / 'blind')} {np.__version__} {kind} {TYRE}"
+    return sha256(code.encode() + pickle.dumps([(one.car, one.courses) for one in cars])).hexdigest()[:20]
