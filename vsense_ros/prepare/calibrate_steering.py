@@ -21,6 +21,7 @@ from vsense_ros.prepare.calibration_drive import CalibrationDrive
 Array = NDArray[np.float64]
 
 _RATIO = 0.1  # [-] of the ratio, standard deviation where the file does not say
+_ADVICE = "tight bends at 15 to 30 km/h, as in a car park, and bends of a country road, with GNSS"
 _LAG = 0.15  # [s] that a car may answer its steering later, standard deviation
 
 
@@ -38,21 +39,17 @@ def steering(drives: Sequence[CalibrationDrive], car: Vehicle) -> Iterator[Calib
     if sensor is None or not blocks:
         return
     front, rear = compliance(car, "front"), compliance(car, "rear")
-    ratio = car.physics.steering.ratio
-    stated = car.deviations().get("steering.ratio", _RATIO * ratio) / ratio
+    name, settings = sensor
+    own = settings.ratio is not None or any(drive.at_road_wheel for drive in drives)
+    path, before = (
+        (f"sensors.{name}.gain", settings.gain) if own else ("physics.steering.ratio", car.physics.steering.ratio)
+    )
+    stated = _relative_deviation(car, path, before)
     spread = np.hypot(relative_compliance(car, "front") * front, relative_compliance(car, "rear") * rear)
     prior = np.array([stated, spread, max(around.steering_offset, 1e-4), _LAG])
     found = posterior(blocks, np.array([1.0, front - rear, 0.0, 0.0]), prior)
     share, known = float(found.values[0]), float(found.deviations[0])
-    name, settings = sensor
-    at_road_wheel = settings.gain / share
-    changes = {"physics.steering.ratio": Change(round(ratio * share, 3), ratio * known)}
-    if settings.ratio is not None:
-        changes = {f"sensors.{name}.gain": Change(round(at_road_wheel, 4), at_road_wheel * known)}
-    yield Calibrated(
-        "steering ratio", "-", ratio, ratio * share, ratio * stated, ratio * known, changes,
-        "tight bends at 15 to 30 km/h, as in a car park, and bends of a country road, with GNSS",
-    )  # fmt: skip
+    yield _gain(name, before, stated, share, known) if own else _ratio(before, stated, share, known)
     yield _offset(float(found.values[2]) / share, float(found.deviations[2]) / share, around.steering_offset)
     after = float(found.values[1]) / share + rear
     deviation = float(np.hypot(found.deviations[1] / share, relative_compliance(car, "rear") * rear))
@@ -63,6 +60,31 @@ def steering(drives: Sequence[CalibrationDrive], car: Vehicle) -> Iterator[Calib
         relative_compliance(car, "front") * scale, deviation / after * value,
         {"physics.front.cornering_scale": Change(round(value, 4), deviation / after * value)},
         "bends at 60 km/h and more with 2 to 4 m/s², as a winding road has, with GNSS",
+    )  # fmt: skip
+
+
+def _relative_deviation(car: Vehicle, path: str, value: float) -> float:
+    """Standard deviation of a number of the file over its value [-], or what is usual where the file does not say."""
+    stated = car.uncertainty.get(path)
+    return _RATIO if stated is None else stated.deviation / value
+
+
+def _gain(name: str, before: float, prior: float, share: float, deviation: float) -> Calibrated:
+    """Gain of a sensor that does not use the car's steering ratio: it reports the angle of the road wheels, or has a
+    ratio of its own. `share` is the measured angle over the true one, with its standard deviation [-]."""
+    after = before / share
+    return Calibrated(
+        "steering gain, true over measured road-wheel angle", "-", before, after, prior * before, deviation * after,
+        {f"sensors.{name}.gain": Change(round(after, 4), deviation * after)}, _ADVICE,
+    )  # fmt: skip
+
+
+def _ratio(before: float, prior: float, share: float, deviation: float) -> Calibrated:
+    """Steering ratio of the car; `share` is the true one over that of the file, with its standard deviation [-]."""
+    after = before * share
+    return Calibrated(
+        "steering ratio", "-", before, after, prior * before, deviation * before,
+        {"physics.steering.ratio": Change(round(after, 3), deviation * before)}, _ADVICE,
     )  # fmt: skip
 
 

@@ -19,6 +19,7 @@ from vsense_ros.model.sensors.gnss_velocity import GnssVelocity
 from vsense_ros.model.vehicle import Vehicle
 
 Array = NDArray[np.float64]
+ROAD_WHEEL = "road_wheel_front"  # joint of a steering angle that is not one of the steering wheel
 
 
 @dataclass(frozen=True)
@@ -51,6 +52,7 @@ class CalibrationDrive:
     spin: Array  # (n, 4) [rad/s]
     steering: Array  # (n,) [rad] road-wheel angle by the vehicle file
     noise: dict[str, Array]  # standard deviations of single messages, by kind of sensor and component
+    at_road_wheel: bool = False  # the steering angle was measured there, not at the steering wheel
 
     def smooth(self, values: Array) -> Array:
         """A signal (n, …) without what is faster than `CALIBRATION.cut_off`; NaN where it is not known."""
@@ -100,11 +102,13 @@ def drive_of(recording: Recording, vehicle: Vehicle) -> CalibrationDrive:
     """
     found: dict[str, tuple[Array, Array]] = {}
     noise: dict[str, Array] = {}
+    at_road_wheel = False
     start = recording.start
     for sensor in vehicle.sensors.values():
         channel = recording.channels.get(sensor.topic)
         if channel is None or len(channel) < 20:
             continue
+        at_road_wheel |= isinstance(sensor, Steering) and ROAD_WHEEL in channel.names
         for name, values in _signals(sensor, channel, vehicle):
             time = np.asarray((channel.stamp - start) * 1e-9 - sensor.latency, dtype=np.float64)
             found[name] = time, values
@@ -124,7 +128,8 @@ def drive_of(recording: Recording, vehicle: Vehicle) -> CalibrationDrive:
         name: _resampled(*found[name], t) if name in found else np.full((len(t), width), np.nan)
         for name, width in widths.items()
     }
-    return CalibrationDrive(recording.name, t, **{**on_clock, "steering": on_clock["steering"][:, 0]}, noise=noise)
+    on_clock["steering"] = on_clock["steering"][:, 0]
+    return CalibrationDrive(recording.name, t, **on_clock, noise=noise, at_road_wheel=at_road_wheel)
 
 
 def _signals(sensor: SensorBase, channel: Channel, vehicle: Vehicle) -> Iterator[tuple[str, Array]]:
@@ -140,7 +145,7 @@ def _signals(sensor: SensorBase, channel: Channel, vehicle: Vehicle) -> Iterator
         yield "spin", columns["velocity"][:, [channel.names.index(f"wheel_{wheel}") for wheel in WHEELS]]
     elif isinstance(sensor, Steering):
         ratio = sensor.ratio or vehicle.physics.steering.ratio
-        for name, factor in (("road_wheel_front", 1.0), ("steering_wheel", 1 / ratio)):
+        for name, factor in ((ROAD_WHEEL, 1.0), ("steering_wheel", 1 / ratio)):
             if name in channel.names:
                 yield "steering", sensor.gain * factor * columns["position"][:, [channel.names.index(name)]]
                 return

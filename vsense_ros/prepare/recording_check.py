@@ -37,7 +37,7 @@ class FitSettings:
 FIT = FitSettings()
 
 # Tolerances by the beginning of a quantity's name: of its value, or as a share of it.
-_RELATIVE = {"rolling radius": FIT.radius, "steering ratio": FIT.ratio}
+_RELATIVE = {"rolling radius": FIT.radius, "steering ratio": FIT.ratio, "steering gain": FIT.ratio}
 _ABSOLUTE = {
     "roll of": FIT.angle, "pitch of": FIT.angle, "yaw of": FIT.angle, "place of": FIT.place, "latency of": FIT.latency,
     "bias of": FIT.rate, "offset of the l": FIT.force,
