@@ -20,6 +20,7 @@ from vsense_ros.manoeuvre import generate
 from vsense_ros.messages.recording import Recording
 from vsense_ros.model.simulation.closed_loop import rolling_radii
 from vsense_ros.model.vehicle import Vehicle
+from vsense_ros.prepare.calibrated import Calibrated, Change, apply
 from vsense_ros.prepare.calibration import Calibration, calibrate
 from vsense_ros.prepare.catalogue import catalogue_values
 from vsense_ros.prepare.new_vehicle import new_vehicle, write_new_vehicle
@@ -192,3 +193,19 @@ def test_what_is_no_recording_is_refused_by_the_command_in_one_sentence(tmp_path
     assert result.exit_code == 2
     assert "Traceback" not in result.stderr
     assert "no importer knows this" in result.stderr
+
+
+def test_a_correction_below_its_own_uncertainty_leaves_the_value_and_says_how_sure_it_is():
+    car = catalogue_car()
+    path, before = "physics.steering.ratio", car.physics.steering.ratio
+    for shift, after, deviation in ((0.2, before, 0.36), (0.9, before + 0.9, 0.3)):
+        one = Calibrated("ratio", "-", before, before + shift, 1.5, 0.3, {path: Change(before + shift, 0.3)})
+        changed = apply(car, [one], "a drive")
+        assert changed.physics.steering.ratio == pytest.approx(after)
+        assert changed.uncertainty[path].deviation == pytest.approx(deviation, abs=0.005)
+
+
+def test_a_number_that_is_itself_a_deviation_changes_by_any_amount():
+    car = catalogue_car()
+    one = Calibrated("noise", "rad/s", 0.003, 0.0029, 0.003, 0.0003, {"sensors.imu.rate_noise.2": Change(0.0029)})
+    assert apply(car, [one], "a drive").sensors["imu"].rate_noise[2] == 0.0029

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
+from math import hypot
 from typing import Any
 
 from pydantic import ValidationError
@@ -43,22 +44,44 @@ class Calibrated:
 
     @property
     def determined(self) -> bool:
-        """True if the drives say so much of it that the file is changed."""
+        """True if the drives leave clearly less uncertain than there was before."""
         return self.deviation <= DETERMINED_SHARE * self.prior
+
+    @property
+    def is_changed(self) -> bool:
+        """True if the file gets a new value: one that is determined, and further from the present one than its own
+        standard deviation, since a smaller correction is not significant. Numbers that are themselves standard
+        deviations change in any case."""
+        deviations = [change.deviation for change in self.changes.values()]
+        if not (self.determined and deviations):
+            return False
+        return not any(deviations) or abs(self.after - self.before) > self.deviation
+
+    def written(self) -> Iterator[tuple[str, float | None, float]]:
+        """Numbers of the file that a determined quantity changes: path, new value (None: it stays) and standard
+        deviation (0 for a number that is itself one)."""
+        for path, change in self.changes.items() if self.determined else ():
+            if self.is_changed:
+                yield path, change.value, change.deviation
+            else:
+                shift = change.deviation * (self.after - self.before) / self.deviation
+                yield path, None, hypot(change.deviation, shift)
 
 
 def apply(vehicle: Vehicle, quantities: Iterable[Calibrated], source: str) -> Vehicle:
     """The vehicle with the determined quantities, and their standard deviations and `source` as its uncertainty.
 
+    A value that agrees with the file within its own standard deviation stays as it is, with that deviation.
+
     Raises `InputError` where there can be no such car.
     """
     document = vehicle.model_dump(mode="json")
-    for quantity in quantities:
-        for path, change in quantity.changes.items() if quantity.determined else ():
-            _put(document, path, change.value)
-            if change.deviation > 0:
-                stated = Uncertainty(deviation=float(f"{change.deviation:.2g}"), source=source)
-                document["uncertainty"][path] = stated.model_dump()
+    for path, value, deviation in (written for quantity in quantities for written in quantity.written()):
+        if value is not None:
+            _put(document, path, value)
+        if deviation > 0:
+            stated = Uncertainty(deviation=float(f"{deviation:.2g}"), source=source)
+            document["uncertainty"][path] = stated.model_dump()
     try:
         return Vehicle.model_validate(document)
     except ValidationError as error:

@@ -34,8 +34,8 @@ class Calibration:
 
     @property
     def paths(self) -> tuple[str, ...]:
-        """Dotted paths of the numbers that have changed."""
-        return tuple(path for one in self.quantities if one.determined for path in one.changes)
+        """Dotted paths of the numbers whose value or standard deviation has changed."""
+        return tuple(path for one in self.quantities for path, _, _ in one.written())
 
     @property
     def advice(self) -> tuple[str, ...]:

@@ -35,6 +35,7 @@ class CalibrationSettings:
     straight: float = 0.02  # [rad/s] yaw rate below which a drive is straight
     apart: float = 0.1  # [s] between messages by which noise is measured: slower than vibration, faster than motion
     least_driving: float = 20.0  # [s] of a recording that is used
+    least_messages: int = 20  # of a signal that is used
 
 
 CALIBRATION = CalibrationSettings()
@@ -106,7 +107,7 @@ def drive_of(recording: Recording, vehicle: Vehicle) -> CalibrationDrive:
     start = recording.start
     for sensor in vehicle.sensors.values():
         channel = recording.channels.get(sensor.topic)
-        if channel is None or len(channel) < 20:
+        if channel is None or len(channel) < CALIBRATION.least_messages:
             continue
         at_road_wheel |= isinstance(sensor, Steering) and ROAD_WHEEL in channel.names
         for name, values in _signals(sensor, channel, vehicle):
@@ -153,12 +154,21 @@ def _signals(sensor: SensorBase, channel: Channel, vehicle: Vehicle) -> Iterator
 
 def scatter(stamp: NDArray[np.int64], values: Array) -> Array:
     """Standard deviation of the noise of messages (m, k), component by component: that of second differences over
-    `CALIBRATION.apart`, to which motion adds little, over √6."""
-    stride = max(round(CALIBRATION.apart / max(float(np.median(np.diff(stamp))) * 1e-9, 1e-4)), 1)
+    `CALIBRATION.apart`, to which motion adds little, over √6; NaN for a component with too few messages.
+
+    Components may come in messages of their own, with those of the others absent, as on a CAN bus.
+    """
+    return np.array([_scatter_of(stamp[known := np.isfinite(one)], one[known]) for one in values.T])
+
+
+def _scatter_of(stamp: NDArray[np.int64], values: Array) -> float:
+    """Standard deviation of the noise of a signal (m,), as `scatter` has it."""
+    if len(stamp) < 3:
+        return np.nan
+    period = float(np.median(np.diff(stamp))) * 1e-9
+    stride = max(round(CALIBRATION.apart / max(period, 1e-4)), 1)
     second = values[: -2 * stride] - 2 * values[stride:-stride] + values[2 * stride :]
-    known = np.isfinite(second)
-    power = np.sum(np.where(known, second, 0.0) ** 2, axis=0) / np.maximum(known.sum(axis=0), 1)
-    return np.where(known.sum(axis=0) > 20, np.sqrt(power / 6), np.nan)
+    return float(np.sqrt(np.mean(second**2) / 6)) if len(second) > CALIBRATION.least_messages else np.nan
 
 
 def _resampled(time: Array, values: Array, t: Array) -> Array:
@@ -168,7 +178,7 @@ def _resampled(time: Array, values: Array, t: Array) -> Array:
     made = np.full((len(t), values.shape[1]), np.nan)
     for k, column in enumerate(values.T):
         good = np.isfinite(column)
-        if good.sum() < 20:
+        if good.sum() < CALIBRATION.least_messages:
             continue
         known, at = time[good], column[good]
         after = np.clip(np.searchsorted(known, t), 1, len(known) - 1)

@@ -14,8 +14,8 @@ def show(found: Calibration, out: Console) -> None:
     """Print a table of what changed, by how much and how sure that is, and what to drive next."""
     table = plain_table("quantity", "before", "after", "±", "unit", "", right=("before", "after", "±"))
     for one in found.quantities:
-        after = f"{one.after:.4g}" if one.determined else f"({one.after:.4g})"
-        words = "" if one.determined else "not determined, stays"
+        stays = "agrees with the file, stays" if one.determined else "not determined, stays"
+        after, words = (f"{one.after:.4g}", "") if one.is_changed else (f"({one.after:.4g})", stays)
         table.add_row(one.name, f"{one.before:.4g}", after, f"{one.deviation:.2g}", one.unit, words)
     out.print(table)
     for sentence in found.missing:
@@ -30,7 +30,7 @@ def as_dict(found: Calibration) -> dict[str, Any]:
         "quantities": [
             {"name": one.name, "unit": one.unit, "before": one.before, "after": one.after, "deviation": one.deviation,
              "prior_deviation": one.prior, "determined": one.determined,
-             "changes": {path: change.value for path, change in one.changes.items()} if one.determined else {}}
+             "changes": {path: value for path, value, _ in one.written() if value is not None}}
             for one in found.quantities
         ],
         "missing": list(found.missing),
