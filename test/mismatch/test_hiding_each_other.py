@@ -50,7 +50,7 @@ class Readings:
         dataset = SimpleNamespace(windows=(), places_by_recording=lambda: [[drive] for drive in range(DRIVES)])
         self.predictor = SimpleNamespace(dataset=dataset, lost=lambda _: [False] * DRIVES)
 
-    def prepare(self, parameter_sets: Sequence[ParameterSet]) -> None:
+    def prepare(self, parameter_sets: Sequence[ParameterSet], near: ParameterSet | None = None) -> None:
         assert len(parameter_sets) <= self.at_once
 
     def diverged(self, parameter_set: ParameterSet) -> list[bool]:

@@ -63,8 +63,9 @@ class ResidualFunction(Protocol):
     def at_once(self) -> int:
         """How many parameter sets are best simulated side by side."""
 
-    def prepare(self, parameter_sets: Sequence[ParameterSet]) -> None:
-        """Simulate up to `at_once` parameter sets, whose residuals are asked for next."""
+    def prepare(self, parameter_sets: Sequence[ParameterSet], near: ParameterSet | None = None) -> None:
+        """Simulate up to `at_once` parameter sets, whose residuals are asked for next. Where they are for secants, they
+        are `near` another one, and it is enough to simulate how far they are apart."""
 
     def __call__(self, parameter_set: ParameterSet, instead: Sequence[Array] | None = None) -> list[Array]:
         """(rows,) of each block, in standard deviations. From where the simulation diverges they are those of
@@ -198,7 +199,7 @@ def slopes_by(
         together = free_parameters[begin : begin + at_once]
         attempts = [_attempts(start, fit, parameter, step) for parameter in together]
         first = [list(islice(each, 1)) for each in attempts]
-        residuals.prepare([parameter_set for each in first for _, parameter_set in each])
+        residuals.prepare([parameter_set for each in first for _, parameter_set in each], fit.parameter_set)
         for parameter, known, others in zip(together, first, attempts, strict=True):
             yield _slope(residuals, fit, parameter, chain(known, others))
 

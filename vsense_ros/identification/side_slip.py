@@ -79,7 +79,7 @@ class SideSlipResiduals:
         """Estimate - reference on each recording, (n,) [rad]."""
         return [job.result() for job in self._jobs(vehicle)]
 
-    def prepare(self, parameter_sets: Sequence[ParameterSet]) -> None:
+    def prepare(self, parameter_sets: Sequence[ParameterSet], near: ParameterSet | None = None) -> None:
         """Begin the runs of parameter sets whose residuals are asked for next."""
         for vehicle in map(self._with, parameter_sets):
             if vehicle is not None:

@@ -389,9 +389,12 @@ def _judged_with_further(
     while found_last := search.further(found_last, least, validation.proven, unseen):
         validation.compare(found_last)
         hypotheses = [*hypotheses, *found_last]
-    described = search.described()
-    validation.compare(described)
+    described: list[Hypothesis] = []
     judged = judge(hypotheses, described, validation, search.with_profile, threshold)
+    if search.leaves_something(judged.leader.fit if judged.leader is not None else search.base):
+        described = search.described()
+        validation.compare(described)
+        judged = judge(hypotheses, described, validation, search.with_profile, threshold)
     if judged.rivals and len(judged.rivals[0].candidates) > 1:
         exchanged = search.exchanged(judged.rivals[0], hypotheses, THRESHOLDS.rival_share)
         if exchanged:

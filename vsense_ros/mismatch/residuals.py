@@ -58,9 +58,13 @@ class Residuals:
         """How many parameter sets are best driven side by side."""
         return self.predictor.ahead
 
-    def prepare(self, parameter_sets: Sequence[ParameterSet]) -> None:
-        """Drive up to `at_once` parameter sets, whose residuals are asked for next."""
-        self.predictor.foresee(parameter_sets)
+    def prepare(self, parameter_sets: Sequence[ParameterSet], near: ParameterSet | None = None) -> None:
+        """Drive up to `at_once` parameter sets, whose residuals are asked for next: by how far they are from another
+        one, if they are `near` it."""
+        if near is None:
+            self.predictor.foresee(parameter_sets)
+        else:
+            self.predictor.foresee_near(near, parameter_sets)
 
     def diverged(self, parameter_set: ParameterSet) -> list[bool]:
         """True for each window in which the simulated car gets lost."""

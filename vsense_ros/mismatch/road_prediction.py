@@ -107,7 +107,7 @@ class _OnPieces:
     def at_once(self) -> int:
         return self.residuals.at_once
 
-    def prepare(self, parameter_sets: Sequence[ParameterSet]) -> None:
+    def prepare(self, parameter_sets: Sequence[ParameterSet], near: ParameterSet | None = None) -> None:
         self.residuals.prepare(parameter_sets)
 
     def diverged(self, parameter_set: ParameterSet) -> Sequence[bool]:

@@ -23,7 +23,8 @@ from vsense_ros.model.effects.unmodelled import axle_of_torque
 
 class Screening:
     """Signatures of the candidates that are `offered`, beside a base fit. `whole` is what gains are relative to;
-    `varying` has the names of candidates whose profile along the road was worth its many parameters alone."""
+    `varying` has the names of candidates whose profile along the road was worth its many parameters alone; no profile
+    is simulated before `roads_may_vary`."""
 
     def __init__(
         self, secants: Secants, validation: CrossValidation, whole: float, offered: Sequence[Candidate]
@@ -31,6 +32,7 @@ class Screening:
         self.secants, self.validation, self.whole, self.offered = secants, validation, whole, offered
         self.base = secants.base
         self.varying: set[str] = set()
+        self.roads_may_vary = False
 
     def signature(self, at: Fit, present: tuple[Candidate, ...], new: tuple[Candidate, ...]) -> Signature:
         """What new candidates would do to the residuals of a fit with those present."""
@@ -51,33 +53,46 @@ class Screening:
 
     def screened(self, at: Fit, present: tuple[Candidate, ...], count: int) -> list[Signature]:
         """The likeliest candidates besides those present: `count` by their gain, as many by their score, and as many by
-        their gain elsewhere than in the window where they promise most."""
-        self.secants.simulate_new(self.offered)
+        their gain elsewhere than in the window where they promise most; and profiles of the road that promise more than
+        one size for all places, where `roads_may_vary`."""
+        self.simulate_new()
         found = [self.signature(at, present, (c,)) for c in self.besides(present)]
         found = [s for s in found if s.independent_share > 0]
         single = [s for s in found if not s.candidates[-1].along_road]
         by_gain = sorted(single, key=lambda s: s.gain, reverse=True)[:count]
         by_score = sorted(single, key=lambda s: s.score, reverse=True)[:count]
         elsewhere = sorted((s for s in single if s.elsewhere > 0), key=lambda s: s.elsewhere, reverse=True)[:count]
-        chosen = {s.candidates[-1].name: s for s in (*by_score, *by_gain, *elsewhere)}
+        chosen = [*by_score, *by_gain, *elsewhere, *self._profiles(found, single, present)]
+        return list({s.candidates[-1].name: s for s in chosen}.values())
+
+    def _profiles(
+        self, found: Sequence[Signature], single: Sequence[Signature], present: Sequence[Candidate]
+    ) -> list[Signature]:
+        """The profiles among the signatures that promise clearly more than one size for all places, each after that
+        size."""
+        chosen: list[Signature] = []
         best = max((s.score for s in single), default=0.0)
         for free in (s for s in found if s.candidates[-1].along_road and self._may_vary(s.candidates[-1], present)):
             one = next((s for s in single if first_size(s.candidates[-1]) == first_size(free.candidates[-1])), None)
             known = max(one.score if one is not None else 0.0, self.of_several_cars)
             if free.score > max(known + EFFORT.least_profile_gain, EFFORT.promising_share * best):
-                chosen |= {s.candidates[-1].name: s for s in (one, free) if s is not None}
-        return list(chosen.values())
+                chosen += [s for s in (one, free) if s is not None]
+        return chosen
+
+    def simulate_new(self) -> None:
+        """Simulate the secants of the candidates that may be fitted, as far as they are not known."""
+        self.secants.simulate_new(self.besides(()))
 
     def besides(self, present: Sequence[Candidate]) -> list[Candidate]:
-        """The candidates of effects that are not present."""
+        """The candidates of effects that are not present; profiles only where `roads_may_vary`."""
         names = {candidate.effect for candidate in present}
-        return [candidate for candidate in self.offered if candidate.effect not in names]
+        return [c for c in self.offered if c.effect not in names and (self.roads_may_vary or not c.along_road)]
 
     def hiding_each_other(self, at: Fit, present: tuple[Candidate, ...]) -> list[Signature]:
         """Pairs of effects that are mistaken for each other and promise more than twice what either does alone. An
         accelerometer that has an offset and is turned as well may read right on the whole: a search that adds one
         effect at a time sees neither."""
-        self.secants.simulate_new(self.offered)
+        self.simulate_new()
         known = (self.base.value - at.value) / self.whole
         single = [c for c in self.besides(present) if len(c.free_parameters) == 1]
         promised = {c.name: self.signature(at, present, (c,)).gain - known for c in single}

@@ -60,20 +60,37 @@ class Search:
     @cached_property
     def visible(self) -> frozenset[str]:
         """Ids of the effects that would change something that was recorded, at a likely size."""
-        self.secants.simulate_new(self.offered)
+        self.screening.simulate_new()
 
         def leaves_a_trace(parameter: FreeParameter) -> bool:
             largest = max(float(np.abs(part).max(initial=0.0)) for part in self.secants.column(parameter))
             return largest * parameter.likely > EFFORT.trace
 
-        return frozenset(c.effect for c in self.offered if any(map(leaves_a_trace, c.free_parameters)))
+        single = (c for c in self.offered if not c.along_road)
+        return frozenset(c.effect for c in single if any(map(leaves_a_trace, c.free_parameters)))
 
     def single(self) -> list[Hypothesis]:
-        """The likeliest candidates alone, fitted in full, best first."""
-        fitted = self.fitting.fitted(self.screening.screened(self.base, (), EFFORT.shortlist))
-        found = self.fitting.shaped(_worth_their_freedom(fitted))
-        self.screening.varying = {e.candidates[-1].name for e in found if e.candidates[-1].along_road}
-        return sorted(self.fitting.refined_each(found), key=lambda e: e.score, reverse=True)
+        """The likeliest candidates alone, fitted in full, best first; profiles of the road among them only where the
+        best other one leaves a signal further off than a good model does."""
+        found = self._refined(self.fitting.fitted(self.screening.screened(self.base, (), EFFORT.shortlist)))
+        if any(c.along_road for c in self.offered) and self.leaves_something(found[0].fit if found else self.base):
+            self.screening.roads_may_vary = True
+            known = {e.candidates for e in found}
+            new = [s for s in self.screening.screened(self.base, (), EFFORT.shortlist) if s.candidates not in known]
+            found = _worth_their_freedom([*found, *self._refined(self.fitting.fitted(new))])
+            self.screening.varying = {e.candidates[-1].name for e in found if e.candidates[-1].along_road}
+        return sorted(found, key=lambda e: e.score, reverse=True)
+
+    def _refined(self, fitted: Sequence[Hypothesis]) -> list[Hypothesis]:
+        """Hypotheses with their shapes, fitted further: the best with secants of their own, the others with those of
+        their last effect."""
+        found = self.fitting.shaped(fitted)
+        best, others = found[: EFFORT.beam], found[EFFORT.beam :]
+        return [*self.fitting.refined_each(best), *self.fitting.refined_by_last(others)]
+
+    def leaves_something(self, fitted: Fit) -> bool:
+        """True if a fit leaves a signal further off than a good model does."""
+        return self.residuals.worst(fitted.residuals) > EFFORT.noise_level
 
     def better_base(self, hypotheses: Sequence[Hypothesis]) -> Fit | None:
         """The base parameters fitted anew from where they are in one of the hypotheses, if even without its effect they
@@ -156,8 +173,8 @@ class Search:
 
     def trials(self) -> Iterator[tuple[Candidate, list[Array]]]:
         """Secants at the base fit of the candidates with one size, per deviation, by window."""
-        self.secants.simulate_new(self.offered)
-        for candidate in self.offered:
+        self.screening.simulate_new()
+        for candidate in self.screening.besides(()):
             if len(candidate.free_parameters) == 1:
                 (parameter,) = candidate.free_parameters
                 yield candidate, [part * parameter.deviation for part in self.secants.column(parameter)]
@@ -187,7 +204,7 @@ class Search:
         """Hypotheses in which each of several effects is exchanged for those that it is mistaken for, where that
         promises a `share` of what it explains beside the others; and the others alone, where that was not known. Sets
         grow from the best, so that a set may never have been fitted that explains as much as one that was."""
-        self.secants.simulate_new(self.offered)
+        self.screening.simulate_new()
         fitted = {frozenset(e.effects): e for e in sorted(known, key=lambda e: e.score)}
         single = [c for c in hypothesis.candidates if len(hypothesis.candidates) > 1 and not c.along_road]
         others = {candidate: frozenset(hypothesis.effects) - {candidate.effect} for candidate in single}

@@ -15,6 +15,9 @@ class SearchSettings:
     least_profile_gain: float = 0.06
     # [-] of the best score, below which no profile is fitted: it has a parameter for each place
     promising_share: float = 0.5
+    # [deviations] of the worst signal, which is what a good model leaves: no profile of the road and no term without
+    # known physics is looked for below
+    noise_level: float = 1.0
     trace: float = 1e-6  # [deviations] by which a likely size changes something that was recorded, beyond rounding
     secant: float = 1.0  # [likely offsets]: some effects have no slope at zero
     paired: int = 8  # single hypotheses of which all pairs are tried

@@ -13,7 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 from scipy.integrate import cumulative_trapezoid
-from scipy.signal import butter, detrend, sosfiltfilt
+from scipy.signal import butter, sosfiltfilt
 
 from vsense_ros.checks.held import period_of_updates
 from vsense_ros.mismatch.windows import WINDOWS, Readings, Window
@@ -138,6 +138,12 @@ def difference(measured: Mapping[str, Array], simulated: Mapping[str, Array]) ->
         if signal.name in measured and signal.name in simulated:
             off = measured[signal.name] - simulated[signal.name]
             if signal.drifting:
-                off = detrend((off + np.pi) % (2 * np.pi) - np.pi if abs(off.mean()) > np.pi else off)
+                off = _detrended((off + np.pi) % (2 * np.pi) - np.pi if abs(off.mean()) > np.pi else off)
             result[signal.name] = off
     return result
+
+
+def _detrended(values: Array) -> Array:
+    """Values (n,) without the straight line that fits them best."""
+    place = np.arange(len(values)) - (len(values) - 1) / 2
+    return values - values.mean() - place * (place @ values) / max(float(place @ place), 1.0)

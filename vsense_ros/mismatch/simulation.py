@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import replace
 from functools import cached_property
 
@@ -15,6 +15,7 @@ from vsense_ros.codegen import Kernel
 from vsense_ros.identification.parameter_set import ParameterSet
 from vsense_ros.mismatch.driving import Drives, Driving
 from vsense_ros.mismatch.effect_parameters import effect_of, parameters_of, with_all_effects
+from vsense_ros.mismatch.near import MotionsNear
 from vsense_ros.mismatch.prediction_settings import PREDICTION
 from vsense_ros.mismatch.road_in_windows import RoadsInWindows
 from vsense_ros.mismatch.signals import noise, signals
@@ -23,6 +24,7 @@ from vsense_ros.model.car.car import Car, car_of
 from vsense_ros.model.car.kinematics import motion_of
 from vsense_ros.model.coordinates import SPIN, X, Y
 from vsense_ros.model.effects import EVERY
+from vsense_ros.model.effects.base import role
 from vsense_ros.model.sensors import SensorBase
 from vsense_ros.model.simulation.open_loop import OpenLoop, Run, StateHistory
 from vsense_ros.model.vehicle import Vehicle
@@ -44,9 +46,11 @@ class Predictor:
         self.names = self.car.parameter_names
         self._loop = OpenLoop(self.car, PREDICTION.keep_every, PREDICTION.renew_every)
         self._motions: list[dict[int, tuple[StateHistory, dict[int, dict[str, Array]]]]] = [{} for _ in dataset.windows]
-        self.ahead = _at_once(len(dataset.windows), self._loop.lanes)  # parameter sets that are driven at once
+        # parameter sets that are driven at once: no fewer than lanes, which motions near a known one fill alone
+        self.ahead = max(self._loop.lanes, _at_once(len(dataset.windows), self._loop.lanes))
         self._asked: list[tuple[ParameterSet, Mapping[str, SensorBase], list[Driving]]] = []  # the last at the end
         self._kept = PREDICTION.remembered + self.ahead
+        self._near = None if self._loop.library is None else MotionsNear(self._loop)
         self._moving = _parameters_of_motion(self.car)
         self.drives = Drives(self.vehicle, dataset, self.names)
         self.radius = self.drives.radius
@@ -129,6 +133,41 @@ class Predictor:
         """Drive the windows with up to `ahead` parameter sets side by side; what then is asked of them is known."""
         self._drive([self._ways(one)[1] for one in parameter_sets])
 
+    def foresee_near(self, near: ParameterSet, parameter_sets: Sequence[ParameterSet]) -> None:
+        """Drive the windows with up to `ahead` parameter sets by how far they are from one that is `near` them, for
+        secants: what is then asked of these objects is known. Driven in full are windows in which a car gets lost, and
+        all of them where an effect with an internal state has a size."""
+        quick = [one for one in parameter_sets if not self._remembers(one)]
+        if self._near is None or self._remembers(near) or not quick:
+            return self.foresee(parameter_sets)
+        self.foresee([one for one in parameter_sets if self._remembers(one)])
+        every = [self._ways(one)[1] for one in quick]
+        _, known = self._ways(near)
+        motions = [motion for motion, _, _ in self._all_moved(near)]
+        runs = [self.drives.run(i, way, self._remembered[i]) for i, way in enumerate(known)]
+        held = [i for i, motion in enumerate(motions) if np.isinf(self._lost_from(i, motion))]
+        self._near.begin({i: (known[i].key, runs[i], motions[i]) for i in held}, quick)
+        for index in held:
+            new = {w[index].key: w[index] for w in every if w[index].key not in self._motions[index]}
+            driven = self._near.drive(index, [self.drives.run(index, w, self._remembered[index]) for w in new.values()])
+            for key, motion in zip(new, driven, strict=True):
+                if np.isinf(self._lost_from(index, motion)):
+                    self._near.found[index, key] = motion, {}
+
+    def _remembers(self, parameter_set: ParameterSet) -> bool:
+        """True if an effect with an internal state has a size."""
+        return any(parameter_set.values[name] for name in self._sizes_with_memory)
+
+    @cached_property
+    def _sizes_with_memory(self) -> list[str]:
+        """Names of the sizes of effects with an internal state."""
+        return [
+            f"effects.{id}.{name}"
+            for id in self.car.internal_state_slices
+            for name, field in EVERY[id].model_fields.items()
+            if role(field) == "size"
+        ]
+
     def _ways(self, parameter_set: ParameterSet) -> tuple[Mapping[str, SensorBase], list[Driving]]:
         """The sensors, and what the motion in each window depends on; of the sets that were asked for last known."""
         for known, sensors, ways in reversed(self._asked):
@@ -144,13 +183,13 @@ class Predictor:
         self._asked = [*self._asked[-self._kept :], (parameter_set, sensors, ways)]
         return sensors, ways
 
-    def _drive(self, several: Sequence[Sequence[Driving]]) -> None:
-        """Side by side what was not driven before."""
+    def _drive(self, several: Sequence[Sequence[Driving]], near: Collection[tuple[int, int]] = ()) -> None:
+        """Side by side what was not driven before; of windows and keys `near` a known motion it is known enough."""
         new = {
             (index, way.key): way
             for ways in several
             for index, way in enumerate(ways)
-            if way.key not in self._motions[index]
+            if way.key not in self._motions[index] and (index, way.key) not in near
         }
         motions = self._loop.runs(
             [self.drives.run(index, way, self._remembered[index]) for (index, _), way in new.items()]
@@ -166,11 +205,15 @@ class Predictor:
     ) -> list[tuple[StateHistory, dict[int, dict[str, Array]], Driving]]:
         """Motion in each window, what of its signals is known already, by the sensors, and what it depends on."""
         _, ways = self._ways(parameter_set)
-        self._drive([ways])
+        near = {} if self._near is None else self._near.known_of(parameter_set)
+        self._drive([ways], near)
         found = []
-        for way, known in zip(ways, self._motions, strict=True):
-            known[way.key] = known.pop(way.key)  # the last to be forgotten
-            found.append((*known[way.key], way))
+        for index, (way, known) in enumerate(zip(ways, self._motions, strict=True)):
+            if way.key in known:
+                known[way.key] = known.pop(way.key)  # the last to be forgotten
+                found.append((*known[way.key], way))
+            else:
+                found.append((*near[index, way.key], way))
         return found
 
     def _sensors(self, parameter_set: ParameterSet) -> dict[str, SensorBase]:

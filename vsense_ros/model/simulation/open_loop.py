@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 
 from vsense_ros import codegen
 from vsense_ros.codegen import Kernel, simd
+from vsense_ros.codegen.columns import Doubles, Integers, beside, in_lanes, integers, pointer
 from vsense_ros.model.car.car import Car
 from vsense_ros.model.car.steps import (
     GAMMA,
@@ -27,7 +28,15 @@ from vsense_ros.model.car.steps import (
     internal_state_function,
     linearize_function,
 )
-from vsense_ros.model.coordinates import COORDINATES, DISTURBANCES, INPUTS, SPIN, TORQUES, WHEELS
+from vsense_ros.model.coordinates import (
+    COORDINATES,
+    DISTURBANCES,
+    DYNAMIC_COORDINATES,
+    INPUTS,
+    SPIN,
+    TORQUES,
+    WHEELS,
+)
 
 Array = NDArray[np.float64]
 
@@ -45,6 +54,15 @@ class Inputs:
 
     def __len__(self) -> int:
         return len(self.inputs)
+
+    @property
+    def held(self) -> tuple[Array, Array]:
+        """The mean spin (n,) that is held, and the gain (n, 4); zeros where torques are as they are."""
+        n = len(self.inputs)
+        return (
+            np.zeros(n) if self.target is None else self.target,
+            np.zeros((n, len(WHEELS))) if self.gain is None else self.gain,
+        )
 
     def first(self, steps: int) -> Inputs:
         """The inputs of the first so many steps."""
@@ -85,12 +103,17 @@ class OpenLoop:
         self.keep = keep
         self.renew = keep if renew is None else renew
         self._compiled = _compiled(car)
-        self._place = {name: place for place, name in enumerate(car.parameter_names)}
+        self.place = {name: place for place, name in enumerate(car.parameter_names)}
 
     @property
     def lanes(self) -> int:
         """How many runs cost no more than one."""
         return 1 if self._compiled is None else self._compiled.lanes
+
+    @property
+    def library(self) -> ctypes.CDLL | None:
+        """The compiled functions, those of differences.c too; None without a compiler."""
+        return None if self._compiled is None else self._compiled.library
 
     def run(self, q: Array, u: Array, inputs: Inputs, parameters: Array) -> StateHistory:
         """One run alone, which costs as much as several side by side."""
@@ -111,7 +134,7 @@ class OpenLoop:
         for begin in range(0, len(order), count):
             together = order[begin : begin + count]
             self._compiled.run(
-                [runs[i] for i in together], [found[i] for i in together], self.keep, self.renew, self._place
+                [runs[i] for i in together], [found[i] for i in together], self.keep, self.renew, self.place
             )
         return found
 
@@ -124,7 +147,7 @@ class OpenLoop:
     def _run_plain(self, run: Run, motion: StateHistory) -> None:
         inputs, kept = run.inputs, (motion.q, motion.u, motion.udot)
         now_q, now_u, parameters = (np.array(known, dtype=float) for known in (run.q, run.u, run.parameters))
-        internal_state = _beginning(run, len(motion.internal_state))
+        internal_state = beginning(run, len(motion.internal_state))
         size = COORDINATES
         functions = _functions(self.car)
         driving, around = np.zeros(len(INPUTS)), np.zeros(len(DISTURBANCES))
@@ -134,14 +157,14 @@ class OpenLoop:
         _, by_q, by_u, by_q_rates = linearize.results
         # The internal state belongs to the beginning of a step, inputs to its middle.
         between, before = np.zeros(len(INPUTS)), np.zeros(len(INPUTS))
-        beginning = [*arguments[:4], between, *arguments[5:], h]
-        move_on = Kernel(functions["internal_state"], beginning) if internal_state.size else None
+        from_beginning = [*arguments[:4], between, *arguments[5:], h]
+        move_on = Kernel(functions["internal_state"], from_beginning) if internal_state.size else None
         advance = Kernel(functions["advance"], [*arguments, h, inverse, by_q.reshape(-1, order="F")])
         unit, scale = np.eye(size), GAMMA * inputs.step
         for i in range(len(inputs)):
             driving[:], around[:] = inputs.inputs[i], inputs.disturbances[i]
             for name, values in inputs.varying.items():
-                parameters[self._place[name]] = values[i]
+                parameters[self.place[name]] = values[i]
             if inputs.gain is not None and inputs.target is not None:
                 driving[TORQUES] += inputs.gain[i] * (inputs.target[i] - now_u[SPIN].mean())
             if move_on is not None:
@@ -166,10 +189,6 @@ class OpenLoop:
         motion.internal_state[:] = internal_state
 
 
-_Doubles = ctypes.POINTER(ctypes.c_double)
-_Integers = ctypes.POINTER(ctypes.c_longlong)
-
-
 class _Run(ctypes.Structure):
     """`struct run` of open_loop.c."""
 
@@ -177,15 +196,15 @@ class _Run(ctypes.Structure):
         ("keep", ctypes.c_longlong),
         ("renew", ctypes.c_longlong),
         ("h", ctypes.c_double),
-        ("steps", _Integers),
-        *((name, _Doubles) for name in ("q", "u")),
-        *((name, _Doubles) for name in ("inputs", "disturbances", "target", "gain", "varying", "parameters")),
+        ("steps", Integers),
+        *((name, Doubles) for name in ("q", "u")),
+        *((name, Doubles) for name in ("inputs", "disturbances", "target", "gain", "varying", "parameters")),
         ("varied", ctypes.c_longlong),
-        ("places", _Integers),
-        *((name, _Doubles) for name in ("memory", "remembered")),
-        *((name, _Doubles) for name in ("kept_q", "kept_u", "kept_udot")),
+        ("places", Integers),
+        *((name, Doubles) for name in ("memory", "remembered")),
+        *((name, Doubles) for name in ("kept_q", "kept_u", "kept_udot")),
         ("rows", ctypes.c_longlong),
-        ("kept", _Integers),
+        ("kept", Integers),
     )
 
 
@@ -193,7 +212,7 @@ class _Run(ctypes.Structure):
 class _Compiled:
     """The loop in C for one car."""
 
-    function: ctypes._FuncPointer
+    library: ctypes.CDLL
     lanes: int
 
     def run(
@@ -205,69 +224,45 @@ class _Compiled:
         varied = sorted({name for run in runs for name in run.inputs.varying})
         places = np.array([place[name] for name in varied], dtype=np.int64)
 
-        def beside(*columns: Array) -> Array:
-            """(rows, …, lanes): arrays (rows, …) of the runs, the last row of each again and again to the end."""
-            found = np.zeros((longest, *columns[0].shape[1:], self.lanes))
-            for lane, column in enumerate(columns):
-                found[: len(column), ..., lane] = column
-                found[len(column) :, ..., lane] = column[-1:]
-            return found
-
-        def at_once(*values: Array) -> Array:
-            """(…, lanes); lanes without a run have the values of the first."""
-            return np.stack([*values, *[values[0]] * (self.lanes - len(values))], axis=-1).astype(float)
-
-        def none(run: Run, *width: int) -> Array:
-            return np.zeros((len(run.inputs), *width))
-
         drives = [run.inputs for run in runs]
         columns = [
-            at_once(*(run.q for run in runs)),
-            at_once(*(run.u for run in runs)),
-            beside(*(drive.inputs for drive in drives)),
-            beside(*(drive.disturbances for drive in drives)),
-            beside(*(none(run) if run.inputs.target is None else run.inputs.target for run in runs)),
-            beside(*(none(run, len(WHEELS)) if run.inputs.gain is None else run.inputs.gain for run in runs)),
-            beside(*(_varying(run, varied, places) for run in runs)),
-            at_once(*(run.parameters for run in runs)),
+            in_lanes(self.lanes, *(run.q for run in runs)),
+            in_lanes(self.lanes, *(run.u for run in runs)),
+            beside(self.lanes, longest, *(drive.inputs for drive in drives)),
+            beside(self.lanes, longest, *(drive.disturbances for drive in drives)),
+            *(beside(self.lanes, longest, *column) for column in zip(*(drive.held for drive in drives), strict=True)),
+            beside(self.lanes, longest, *(varying_of(run, varied, places) for run in runs)),
+            in_lanes(self.lanes, *(run.parameters for run in runs)),
         ]
         rows = max(len(motion.t) for motion in motions)
         size = len(motions[0].internal_state)
-        internal_state = at_once(*(_beginning(run, size) for run in runs))
+        internal_state = in_lanes(self.lanes, *(beginning(run, size) for run in runs))
         remembered = np.full((self.lanes, size), np.nan)
         kept = [np.zeros((self.lanes, rows, COORDINATES)) for _ in range(3)]
         reached = np.zeros(self.lanes, dtype=np.int64)
         arguments = _Run(
-            keep, renew, h, _integers(steps), *map(_pointer, columns), len(places), _integers(places),
-            *map(_pointer, (internal_state, remembered, *kept)), rows, _integers(reached),
+            keep, renew, h, integers(steps), *map(pointer, columns), len(places), integers(places),
+            *map(pointer, (internal_state, remembered, *kept)), rows, integers(reached),
         )  # fmt: skip
-        self.function(ctypes.byref(arguments))
+        self.library.open_loop(ctypes.byref(arguments))
         for lane, motion in enumerate(motions):
             for state, column in zip((motion.q, motion.u, motion.udot), kept, strict=True):
                 state[: reached[lane]] = column[lane, : reached[lane]]
             motion.internal_state[:] = remembered[lane]
 
 
-def _beginning(run: Run, size: int) -> Array:
+def beginning(run: Run, size: int) -> Array:
     """A copy of the effects' internal state where a run begins, (size,)."""
     return np.zeros(size) if run.internal_state is None else np.array(run.internal_state, dtype=float)
 
 
-def _varying(run: Run, names: Sequence[str], places: NDArray[np.int64]) -> Array:
+def varying_of(run: Run, names: Sequence[str], places: NDArray[np.int64]) -> Array:
     """(n, names) of the parameters that vary in any of the runs."""
     found = np.tile(run.parameters[places], (len(run.inputs), 1))
     for column, name in enumerate(names):
         if name in run.inputs.varying:
             found[:, column] = run.inputs.varying[name]
     return found
-
-
-def _pointer(array: Array) -> ctypes._Pointer[ctypes.c_double]:
-    return array.ctypes.data_as(_Doubles)
-
-
-def _integers(array: NDArray[np.int64]) -> ctypes._Pointer[ctypes.c_longlong]:
-    return array.ctypes.data_as(_Integers)
 
 
 @cache
@@ -280,6 +275,7 @@ def _functions(car: Car) -> dict[str, ca.Function]:
         ca.Function("linearize", state, [udot, by_q, by_u, by_q_rates]),
         accelerations_function(car).expand(),
         advance_function(car).expand(),
+        ca.Function("rates", [car.q, car.u, car.disturbances], [ca.densify(car.kinematics)], {"cse": True}),
     ]
     if car.internal_state.numel():
         made.append(internal_state_function(car).expand())
@@ -292,12 +288,16 @@ def _compiled(car: Car) -> _Compiled | None:
     if codegen.compiler() is None:
         return None
     functions = _functions(car)
-    constants = {"MEMORY": car.internal_state.numel(), "GAMMA": repr(GAMMA), "PARAMETERS": car.p.numel()}
+    constants = {
+        "MEMORY": car.internal_state.numel(), "GAMMA": repr(GAMMA), "PARAMETERS": car.p.numel(),
+        "DYNAMIC_PLACES": ", ".join(map(str, DYNAMIC_COORDINATES)),
+    }  # fmt: skip
     defined = "\n".join(f"#define {name} {value}" for name, value in constants.items())
     if "internal_state" not in functions:
         defined += "\n#define INTERNAL_STATE_WORK 0\n#define internal_state(in, out, work)"
-    loop = resources.files("vsense_ros.model.simulation").joinpath("open_loop.c").read_text(encoding="utf-8")
-    own = f"{defined}\n{loop}"
+    folder = resources.files("vsense_ros.model.simulation")
+    loops = (folder.joinpath(name).read_text(encoding="utf-8") for name in ("open_loop.c", "differences.c"))
+    own = "\n".join((defined, *loops))
     every = list(functions.values())
     built = codegen.library(
         "open_loop",
@@ -309,4 +309,4 @@ def _compiled(car: Car) -> _Compiled | None:
         return None
     library = ctypes.CDLL(str(built))
     library.open_loop.restype = None
-    return _Compiled(library.open_loop, ctypes.c_longlong.in_dll(library, "lanes_at_once").value)
+    return _Compiled(library, ctypes.c_longlong.in_dll(library, "lanes_at_once").value)
