@@ -32,7 +32,7 @@ def driven(vehicle, speed: float) -> Run:
     middle = (np.arange(STEPS) + 0.5) * STEP
     inputs = np.zeros((STEPS, 5))
     inputs[:, 0] = 0.03 * np.sin(2.5 * middle)
-    inputs[:, 1:] = (-65.0 - 185.0 * np.tanh((middle - 3.0) / 0.1))[:, None]
+    inputs[:, 1:] = (-65.0 - 185.0 * np.tanh((middle - 3.0) / 0.4))[:, None]
     return Run(
         *rolling_straight(vehicle, speed), Inputs(STEP, inputs, np.zeros((STEPS, 7))), vehicle.parameter_vector()
     )
@@ -76,15 +76,15 @@ def test_a_car_that_a_torque_holds_at_a_speed_goes_where_it_goes_in_full(vehicle
 
 
 def _is_that_of_a_simulation(loop, known, run) -> None:
-    """What a run changes in the known motion is what it changes in full, within a sixteenth, or to a few ten-thousandths
-    of the motion."""
-    (near,) = Differences(loop).motions(known, [run])
-    (whole,) = loop.runs([run])
-    for name in ("q", "u"):
-        there, base = getattr(whole, name), getattr(known.motion, name)
-        missed = np.linalg.norm(getattr(near, name) - there, axis=0)
-        changed = np.linalg.norm(there - base, axis=0)
-        assert (missed < 0.06 * changed + 2e-4 * np.linalg.norm(base, axis=0) + 1e-6).all(), (name, missed, changed)
+    """What a run changes in velocities of the known motion is what it changes in full, within a twentieth, or a few
+    ten-thousandths of the motion. The first second does not count, in which a car comes to rest on its springs."""
+    (near,), (whole,) = Differences(loop).motions(known, [run]), loop.runs([run])
+    settled = known.motion.t > 1.0
+    missed, changed, size = (
+        np.linalg.norm(velocities[settled], axis=0)
+        for velocities in (near.u - whole.u, whole.u - known.motion.u, known.motion.u)
+    )
+    assert (missed < 0.05 * changed + 2e-4 * size).all(), (missed, changed, size)
 
 
 def test_the_known_run_itself_has_the_known_motion(loop, known):
