@@ -17,6 +17,7 @@ from rosbags.rosbag2 import Reader, StoragePlugin, Writer
 from rosbags.typesys import Stores, get_typestore
 
 from vsense_ros.bag import BagWriter, read_bag, write_bag
+from vsense_ros.bag.reading import glance_at_bag
 from vsense_ros.errors import InputError
 from vsense_ros.messages import cdr, cdr_messages
 from vsense_ros.messages.diagnostic import Diagnostic, Level
@@ -384,3 +385,17 @@ def test_a_bag_that_cannot_be_written_to_its_end_leaves_nothing_behind(tmp_path)
     with pytest.raises(ValueError, match="status is an integer"):
         write_bag(tmp_path / "bag", Recording({"gps/fix": channel}))
     assert not (tmp_path / "bag").exists()
+
+
+def test_a_first_look_at_a_large_bag_has_its_messages_from_begin_to_end(tmp_path: Path) -> None:
+    whole = Recording({"imu/data": channel("imu/data", IMU, 40_000, 4_000_000, 1)})
+    write_bag(tmp_path / "large", whole)
+    part = glance_at_bag(tmp_path / "large", most=1 << 20)
+    assert part is not None
+    seen, known = part["imu/data"], whole["imu/data"]
+    assert 0.02 < len(seen) / len(known) < 0.2
+    rows = np.searchsorted(known.stamp, seen.stamp)
+    assert np.array_equal(known.columns["angular_velocity"][rows], seen.columns["angular_velocity"])
+    assert rows[0] == 0
+    assert np.diff(rows).max() < len(known) / 5
+    assert glance_at_bag(tmp_path / "large", most=1 << 30) is None  # the whole of it is as quick

@@ -28,9 +28,17 @@ def chromium() -> str:
     return found
 
 
+class Address(str):
+    """The address with its token that a command printed, with the command's process id and the time of its start."""
+
+    pid: int
+    began: float
+
+
 @contextmanager
-def served(project: Path, *files: object) -> Iterator[str]:
+def served(project: Path, *files: object) -> Iterator[Address]:
     """The command `vsense studio` in a process of its own; gives the address with its token."""
+    began = time.monotonic()
     command = [sys.executable, "-m", "vsense_ros.cli", "studio", *map(str, files), "--project", str(project)]
     environment = {**os.environ, "PYTHONPATH": str(ROOT), "PYTHONUNBUFFERED": "1"}
     environment.pop("PYTEST_CURRENT_TEST", None)  # by which NiceGUI would take the command for a test of its own
@@ -44,9 +52,11 @@ def served(project: Path, *files: object) -> Iterator[str]:
             line = process.stdout.readline()
             assert line, f"the command ended: {words}"
             words += line
-        address = re.search(r"http://\S+", words)
-        assert address is not None
-        yield address[0]
+        found = re.search(r"http://\S+", words)
+        assert found is not None
+        address = Address(found[0])
+        address.pid, address.began = process.pid, began
+        yield address
     finally:
         process.send_signal(signal.SIGINT)
         try:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from pathlib import Path
 from time import perf_counter
 
@@ -12,6 +13,8 @@ from hypothesis import strategies as st
 
 from vsense_ros.errors import InputError
 from vsense_ros.studio.curves import CurveSet, CurveWriter, driven, open_curves
+from vsense_ros.studio.data_routes import CurvesRequest, Trace, packed, part_of
+from vsense_ros.studio.project import Project
 
 HOUR = 360_000  # samples at 100 Hz
 
@@ -78,3 +81,43 @@ def test_distance_is_the_integral_of_the_speed_and_inverts() -> None:
 def test_curves_that_are_gone_are_a_sentence(tmp_path: Path) -> None:
     with pytest.raises(InputError, match="no longer there"):
         open_curves(tmp_path / "gone")
+
+
+def test_a_gap_breaks_the_line_and_is_not_bridged(tmp_path: Path) -> None:
+    time = np.concatenate([np.arange(5000) * 0.01, 80.0 + np.arange(5000) * 0.01])
+    writer = CurveWriter(tmp_path)
+    writer.add(time, {"speed": np.ones(10_000)}, unit="m/s", label="speed", topic="t")
+    writer.close()
+    curves = open_curves(tmp_path)
+    for bins in (200, 20_000):
+        view = curves.view("speed", 0, 130, bins)
+        (broken,) = np.flatnonzero(np.isnan(view.low))
+        assert view.time[broken] == pytest.approx(49.99)
+        assert view.time[broken + 1] == pytest.approx(80.0, abs=1.0)
+    assert np.isnan(curves.sampled("speed", np.array([60.0]))[0])
+    assert curves.sampled("speed", np.array([20.0]))[0] == 1.0
+
+
+def test_curves_are_sent_as_numbers_and_a_shared_time_once(hour: CurveSet) -> None:
+    views = [hour.view(name, 5.0, 900.0, 300) for name in ("s0", "s1")]
+    sent = packed([{"x": view.time, "low": view.low, "high": view.high} for view in views])
+    size = int.from_bytes(sent[:4], "little")
+    head, numbers = json.loads(sent[4 : 4 + size]), np.frombuffer(sent[4 + size :])
+    assert head[0]["x"] == head[1]["x"]
+    for entry, view in zip(head, views, strict=True):
+        begin, count = entry["high"]
+        assert np.array_equal(numbers[begin : begin + count], view.high)
+
+
+def test_the_difference_of_two_laps_is_that_of_their_values_at_the_same_distance(tmp_path: Path) -> None:
+    project = Project(tmp_path)
+    time = np.linspace(0, 20, 2001)
+    speed = np.where(time < 10, 10.0, 20.0)
+    writer = CurveWriter(project.result_folder("abc") / "curves")
+    writer.add(time, {"distance": driven(time, speed), "speed": speed}, unit="", label="", topic="t")
+    writer.close()
+    laps = [Trace(set="abc/curves", name="speed", begin=a, end=b) for a, b in ((10.5, 20.0), (0.0, 9.5))]
+    laps[0].minus = laps[1]
+    (begin, end) = (5.0, 80.0)
+    found = part_of(project, laps[0], CurvesRequest(axis="distance", begin=begin, end=end, bins=50, traces=laps))
+    assert found["low"] == pytest.approx(np.full(100, 10.0))

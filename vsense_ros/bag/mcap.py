@@ -16,6 +16,7 @@ from collections.abc import Iterator
 from contextlib import suppress
 from dataclasses import dataclass, field
 from io import BytesIO
+from mmap import ACCESS_READ, mmap
 from pathlib import Path
 from typing import Any
 
@@ -98,6 +99,34 @@ def read_file(path: Path) -> McapFile:
             "Give a bag folder or a .mcap file, or import other formats with 'vsense import'"
         )
     return _Scan(path.name, data).run()
+
+
+def read_part(path: Path, most: int) -> McapFile | None:
+    """Read chunks that lie evenly over one MCAP file, and unpack to about `most` bytes together.
+
+    None if that would be the whole file, or if the file has no index of its chunks.
+    """
+    with path.open("rb") as file:
+        size = path.stat().st_size
+        data = mmap(file.fileno(), 0, access=ACCESS_READ) if size > _FOOTER_SIZE + 2 * len(MAGIC) else b""
+        footer = size - len(MAGIC) - _FOOTER_SIZE
+        if data[:8] != MAGIC or data[-8:] != MAGIC or data[footer] != Opcode.FOOTER:
+            return None
+        (start,) = struct.unpack_from("<Q", data, footer + RECORD_HEAD.size)
+        definitions, chunks = [], []
+        try:
+            for opcode, body, at, _ in _records(data, start or footer, footer):
+                if opcode == Opcode.CHUNK_INDEX:
+                    chunks.append(_parsed(ChunkIndex, body))
+                elif opcode in (Opcode.SCHEMA, Opcode.CHANNEL):
+                    definitions.append(data[at : at + RECORD_HEAD.size + len(body)])
+        except Damaged:
+            return None
+        every = sum(chunk.uncompressed_size for chunk in chunks) // most
+        if every < 2:
+            return None
+        begins = ((one.chunk_start_offset, one.chunk_length + one.message_index_length) for one in chunks[::every])
+        return _Scan(path.name, b"".join([MAGIC, *definitions, *(data[a : a + length] for a, length in begins)])).run()
 
 
 class _Scan:
@@ -311,7 +340,7 @@ def _ends(records: bytes, positions: NDArray[np.uint64]) -> NDArray[np.int64] | 
     return ends if (ends[:-1] <= begins[1:]).all() and ends[-1] <= len(records) else None
 
 
-def _records(data: bytes, at: int, end: int) -> Iterator[tuple[int, bytes, int, bool]]:
+def _records(data: bytes | mmap, at: int, end: int) -> Iterator[tuple[int, bytes, int, bool]]:
     """Opcode, body, position and wholeness of each record; only the last may be cut off."""
     while at < end:
         if at + RECORD_HEAD.size > end:

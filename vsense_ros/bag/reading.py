@@ -11,7 +11,7 @@ import zstandard
 from numpy.typing import NDArray
 
 from vsense_ros.bag.decoding import LONGEST_RECORDING, TopicMessages, channels_of
-from vsense_ros.bag.mcap import McapFile, Payloads, Times, read_file, unpacked_zstd
+from vsense_ros.bag.mcap import McapFile, Payloads, Times, read_file, read_part, unpacked_zstd
 from vsense_ros.bag.metadata import RELIABLE_QOS, TopicDescription, custom_data, information_in, parsed
 from vsense_ros.errors import InputError
 from vsense_ros.messages.foreign import READABLE
@@ -28,6 +28,7 @@ class BagLimits:
     largest_message: int = 1 << 20  # [byte] of those that rosbag2 has compressed one by one
     most_files: int = 100_000  # of one bag
     given_back: int = 128 << 20  # [byte] of freed memory after which the system gets it back
+    glance: int = 32 << 20  # [byte] that a first look unpacks
 
 
 LIMITS = BagLimits()
@@ -163,6 +164,28 @@ def read_bag(path: str | Path) -> Recording:
 def read_whole_bag(path: str | Path) -> WholeBag:
     """Read a bag with the messages of types that have no numeric form of their own, too. Raises as `read_bag`."""
     return _read(path, FIELDS)
+
+
+def glance_at_bag(path: str | Path, most: int = LIMITS.glance) -> Recording | None:
+    """A first look at a large bag in a small part of the time of reading it: stretches that lie evenly over it, and
+    unpack to about `most` bytes.
+
+    None for a bag that is small, that has no index, or that is none; `read_bag` says why.
+    """
+    path = Path(path)
+    files = [path] if path.is_file() else sorted(path.glob("*.mcap"))
+    bag = _Bag()
+    for one in files:
+        try:
+            part = read_part(one, max(1, most // len(files)))
+        except OSError:
+            return None
+        if part is None:
+            return None
+        bag.add(part)
+    numeric = [name for name, topic in bag.topics.items() if topic.is_cdr and topic.kind in READABLE]
+    channels, _ = channels_of(((name, bag.topics.pop(name).joined()) for name in numeric), [])
+    return Recording(channels, path.stem) if channels else None
 
 
 def _read(path: str | Path, kinds: Container[str]) -> WholeBag:

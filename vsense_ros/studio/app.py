@@ -7,12 +7,15 @@ import socket
 import webbrowser
 from collections.abc import Callable
 from html import escape
+from importlib import import_module
 from pathlib import Path
+from threading import Event, Thread
 
 from fastapi import Request
 from nicegui import app, ui
 
 from vsense_ros.errors import InputError
+from vsense_ros.studio import kit
 from vsense_ros.studio.data_routes import routes
 from vsense_ros.studio.guard import Guard
 from vsense_ros.studio.jobs import Jobs
@@ -22,7 +25,12 @@ from vsense_ros.studio.workbench import Workbench
 
 STATIC = Path(__file__).with_name("static")
 SCRIPTS = ("source.js", "board.js", "scenes.js")
+# What stages that are not light need: imported in the background while the first page is shown.
+_MODELS = ("prepare.vehicle_check", "prepare.car_check", "files.schema", "studio.drawing", "runner.catalogue",
+           "navigation.catalogue", "evaluate.wording", "mismatch.answer_schema")  # fmt: skip
 _LOOK_AGAIN = 2.0  # [s] between two looks whether another tab has changed the project
+_WAIT = 0.1  # [s] between two looks whether the models have been imported
+models_are_there = Event()
 
 
 def serve(project: Project, *, port: int, most_megabytes: int, browser: bool, say: Callable[[str], None]) -> None:
@@ -43,6 +51,7 @@ def serve(project: Project, *, port: int, most_megabytes: int, browser: bool, sa
         build(project, jobs, request.query_params.get("stage", ""))
 
     def ready() -> None:
+        Thread(target=_import_models, daemon=True).start()
         jobs.prepare()
         say(f"The workbench is at {address}")
         if browser:
@@ -53,7 +62,14 @@ def serve(project: Project, *, port: int, most_megabytes: int, browser: bool, sa
     ui.run(
         host="127.0.0.1", port=port, show=False, reload=False, title="vsense studio", show_welcome_message=False,
         favicon="📈", uvicorn_logging_level="error", reconnect_timeout=30.0,
+        gzip_middleware_factory=None,  # on one machine it costs more than it saves
     )  # fmt: skip
+
+
+def _import_models() -> None:
+    for name in _MODELS:
+        import_module(f"vsense_ros.{name}")
+    models_are_there.set()
 
 
 def _free_port(port: int) -> int:
@@ -113,6 +129,10 @@ def build(project: Project, jobs: Jobs, wanted: str) -> None:
         stage = next(one for one in STAGES if one.name == bench.page["stage"])
         with main:
             ui.html(f"<h1>{escape(stage.title)}</h1><p>{escape(stage.purpose)}</p>", sanitize=False).classes("vs-title")
+            if not (stage.light or models_are_there.is_set()):
+                kit.words("Loading the models of cars …")
+                ui.timer(_WAIT, lambda: refresh() if models_are_there.is_set() else None)
+                return
             try:
                 stage.build(bench)
             except InputError as error:

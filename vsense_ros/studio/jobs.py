@@ -22,7 +22,7 @@ from pathlib import Path
 from typing import Any
 
 from vsense_ros.files.atomic import atomic_write
-from vsense_ros.studio.project import Project, content_hash
+from vsense_ros.studio.project import Project, content_hash, fingerprint
 
 TASK, PROGRESS, RESULT, ERROR, LOCK, PID = "task.json", "progress.json", "result.json", "error.txt", "lock", "pid"
 
@@ -115,20 +115,28 @@ class Jobs:
 
     def key(self, kind: str, options: Mapping[str, Any], files: Mapping[str, Path]) -> str:
         """Key of a job: equal for equal options and equal content of the files."""
-        hashes = {name: content_hash(path) for name, path in files.items()}
+        return self._key(kind, options, self._hashes(kind, files))
+
+    def _key(self, kind: str, options: Mapping[str, Any], hashes: Mapping[str, str]) -> str:
         text = json.dumps([kind, options, hashes], sort_keys=True, default=str)
         return sha256(text.encode()).hexdigest()[:20]
+
+    def _hashes(self, kind: str, files: Mapping[str, Path]) -> dict[str, str]:
+        """Hashes of the content of files; for reading them, which shall begin at once, of their sizes and times."""
+        if kind == "read":
+            return {name: fingerprint(path) for name, path in files.items()}
+        return {name: content_hash(path, self.project.folder) for name, path in files.items()}
 
     def start(self, kind: str, options: Mapping[str, Any], files: Mapping[str, Path]) -> Job:
         """Start a job, unless it has been done with the same content, or is running. `files` are those that it reads,
         by any name; paths that a task needs stand in `options`."""
-        job = self.find(self.key(kind, options, files))
+        hashes = self._hashes(kind, files)
+        job = self.find(self._key(kind, options, hashes))
         if job.status in (Status.DONE, Status.RUNNING):
             return job
         job.folder.mkdir(parents=True, exist_ok=True)
         for name in (ERROR, PROGRESS):
             (job.folder / name).unlink(missing_ok=True)
-        hashes = {name: content_hash(path) for name, path in files.items()}
         with atomic_write(job.folder / TASK) as file:
             json.dump({"kind": kind, "options": dict(options), "hashes": hashes}, file, indent=1, default=str)
         self.prepare()

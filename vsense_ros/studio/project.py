@@ -6,7 +6,6 @@ from __future__ import annotations
 import json
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass, field
-from functools import lru_cache
 from hashlib import sha256
 from pathlib import Path
 from threading import RLock
@@ -154,22 +153,36 @@ def _is_car(path: Path) -> bool:
         return False
 
 
-def content_hash(path: Path) -> str:
-    """SHA-256 of a file, or of all files of a folder with their names. Raises `InputError` for what cannot be read."""
+def fingerprint(path: Path) -> str:
+    """A hash of the names, sizes and times of change of a file or of all files of a folder: other content has another
+    one, and it is there at once. Raises `InputError` for what cannot be read."""
+    return sha256(json.dumps([str(path), _files(path)]).encode()).hexdigest()
+
+
+def _files(path: Path) -> list[tuple[str, int, int]]:
     files = [path] if path.is_file() else sorted(one for one in path.rglob("*") if one.is_file())
     try:
-        stats = tuple((str(one), one.stat().st_size, one.stat().st_mtime_ns) for one in files)
-        return _hash(stats, str(path))
+        return [(str(one), one.stat().st_size, one.stat().st_mtime_ns) for one in files]
     except OSError as error:
         raise InputError(f"{path}: cannot be read ({error.strerror})") from None
 
 
-@lru_cache(maxsize=512)
-def _hash(files: tuple[tuple[str, int, int], ...], root: str) -> str:
+def content_hash(path: Path, project: Path) -> str:
+    """SHA-256 of a file, or of all files of a folder with their names; kept in the folder of the project until a file
+    changes. Raises `InputError` for what cannot be read."""
+    kept = project / "hashes" / fingerprint(path)
+    if kept.exists():
+        return kept.read_text(encoding="ascii")
     found = sha256()
-    for name, size, _ in files:
-        found.update(f"{name.removeprefix(root)}:{size}\n".encode())
-        with Path(name).open("rb") as file:
-            while block := file.read(_BLOCK):
-                found.update(block)
+    try:
+        for name, size, _ in _files(path):
+            found.update(f"{name.removeprefix(str(path))}:{size}\n".encode())
+            with Path(name).open("rb") as file:
+                while block := file.read(_BLOCK):
+                    found.update(block)
+    except OSError as error:
+        raise InputError(f"{path}: cannot be read ({error.strerror})") from None
+    kept.parent.mkdir(exist_ok=True)
+    with atomic_write(kept) as target:
+        target.write(found.hexdigest())
     return found.hexdigest()

@@ -1,6 +1,6 @@
 """A process that does one job: it waits for the folder of the job on its standard input, and writes the result there.
 
-`python -m vsense_ros.studio.worker` imports everything before it waits, so that the job begins at once.
+`python -m vsense_ros.studio.worker` imports what jobs need while it waits, so that a job begins at once.
 """
 
 from __future__ import annotations
@@ -8,11 +8,13 @@ from __future__ import annotations
 import fcntl
 import json
 import os
+import select
 import sys
 import time
 import traceback
 import warnings
 from collections.abc import Callable
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -40,7 +42,7 @@ def progress_in(folder: Path) -> Callable[[float], None]:
 
 def run_job(folder: Path) -> None:
     """Do the job in a folder; what it ends with is written there, never raised."""
-    from vsense_ros.studio.tasks import TASKS
+    from vsense_ros.studio.tasks import task_of
 
     with (folder / LOCK).open("w") as lock:
         fcntl.flock(lock, fcntl.LOCK_EX)
@@ -49,7 +51,7 @@ def run_job(folder: Path) -> None:
         try:
             with warnings.catch_warnings(), explained():
                 warnings.simplefilter("ignore")
-                result = TASKS[task["kind"]](task["options"], folder, progress_in(folder))
+                result = task_of(task["kind"])(task["options"], folder, progress_in(folder))
         except (InputError, OSError) as error:
             _fail(folder, str(error))
         except Exception as error:
@@ -67,14 +69,18 @@ def _fail(folder: Path, sentence: str) -> None:
 
 
 def main() -> None:
-    """Import what jobs need, then wait for one folder and do its job; without one, end."""
-    import vsense_ros.api.estimation
-    import vsense_ros.prepare.vehicle_check
-    import vsense_ros.studio.tasks  # noqa: F401
+    """Wait for one folder, import what jobs need in the meantime, and do the job in it; without one, end."""
+    from vsense_ros.bag.importers import importers
+    from vsense_ros.studio.tasks import TASKS, task_of
 
+    os.nice(5)
+    first, *others = (partial(task_of, kind) for kind in TASKS)
+    for prepare in (first, importers, *others):
+        if select.select([sys.stdin], [], [], 0)[0]:
+            break
+        prepare()
     line = sys.stdin.readline().strip()
     if line:
-        os.nice(5)
         run_job(Path(line))
 
 

@@ -5,16 +5,18 @@ from __future__ import annotations
 from collections.abc import Sequence
 from functools import lru_cache
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from nicegui import ui
 
 from vsense_ros.errors import InputError
 from vsense_ros.files.names import harmless
-from vsense_ros.prepare.features import Feature
 from vsense_ros.studio import actions, kit
 from vsense_ros.studio.stages.stage import Stage
 from vsense_ros.studio.workbench import Workbench
+
+if TYPE_CHECKING:  # the page is shown before it could be imported
+    from vsense_ros.prepare.features import Feature
 
 # Paths that the form shows, by heading: those that people measure, look up or identify. The file has all others.
 _CHASSIS = (

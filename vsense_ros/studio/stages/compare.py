@@ -7,7 +7,6 @@ from typing import Any
 
 from nicegui import ui
 
-from vsense_ros.evaluate.wording import HEADINGS
 from vsense_ros.studio import kit
 from vsense_ros.studio.curves import CurveSet
 from vsense_ros.studio.jobs import Job
@@ -100,6 +99,8 @@ def board(first: Job, second: Job, a: CurveSet, b: CurveSet, axis: str) -> dict[
 
 
 def _scores(a: dict[str, Any], b: dict[str, Any]) -> None:
+    from vsense_ros.evaluate.wording import HEADINGS
+
     others = {one["name"]: one for one in b["scores"]}
     both = [(one, others[one["name"]]) for one in a["scores"] if one["name"] in others]
     if not both:

@@ -11,6 +11,7 @@ from nicegui import ui
 from vsense_ros.errors import InputError
 from vsense_ros.files.names import harmless
 from vsense_ros.studio import actions, kit
+from vsense_ros.studio.curves import CURVES, GLANCE
 from vsense_ros.studio.jobs import Job, Status
 from vsense_ros.studio.project import Drive
 from vsense_ros.studio.stages.stage import Stage
@@ -24,6 +25,7 @@ _AT_FIRST = (
     "speed",
 )
 _MOST_PLOTS = 14
+_LOOK = 0.1  # [s] between two looks whether curves have been written
 
 
 def build(bench: Workbench) -> None:
@@ -44,16 +46,35 @@ def build(bench: Workbench) -> None:
             _joining(bench)
     drive = next(one for one in bench.drives if one.path == shown)
     if drive.key:
+        job = bench.job(drive.key)
         kit.follow(
-            bench,
-            bench.job(drive.key),
-            f"Reading {drive.name}",
-            lambda job: _show(bench, drive, job),
-            lambda: _again(bench, drive),
+            bench, job, f"Reading {drive.name}", lambda job: _show(bench, drive, job), lambda: _again(bench, drive)
         )
-        if bench.job(drive.key).status is Status.FAILED:
+        if job.status is Status.RUNNING:
+            _first_look(bench, job)
+        if job.status is Status.FAILED:
             _mapping(bench, drive)
     kit.show_action(actions.info(drive))
+
+
+def _first_look(bench: Workbench, job: Job) -> None:
+    """Curves of a recording that is being read, as soon as there are any: parts of a large one, then all of it."""
+    with kit.panel("Curves", "a first look at parts that lie evenly over the recording; the rest is being read") as box:
+        view = kit.View("Board", {"axis": "time", "end": 1.0, "plots": [], "marks": []})
+    box.set_visibility(False)
+    drawn: list[str] = []
+
+    def look() -> None:
+        folder = next((name for name in (CURVES, GLANCE) if bench.curves(job, name) is not None), "")
+        curves = bench.curves(job, folder) if folder else None
+        if curves is None or folder in drawn:
+            return
+        drawn.append(folder)
+        box.set_visibility(True)
+        shown = bench.page.setdefault("signals", _at_start(curves.signals))
+        view.show(board(f"{job.key}/{folder}", curves.signals, shown, curves.duration))
+
+    ui.timer(_LOOK, look)
 
 
 def _opening(bench: Workbench) -> None:
@@ -220,7 +241,7 @@ def _show(bench: Workbench, drive: Drive, job: Job) -> None:
             with kit.panel("Signals", "those that are ticked are shown"):
                 _tree(bench, curves.signals)
             with kit.panel("Path"):
-                paths = [{"set": f"{job.key}/curves", "x": "east", "y": "north", "label": drive.name}]
+                paths = [{"set": f"{job.key}/{CURVES}", "x": "east", "y": "north", "label": drive.name}]
                 if "north" in curves.signals:
                     kit.View("Path", {"paths": paths, "label": f"Path of {drive.name}", "height": 280})
                 else:
@@ -230,7 +251,8 @@ def _show(bench: Workbench, drive: Drive, job: Job) -> None:
                 ui.html(timeline(result), sanitize=False).classes("vs-timeline")
             with kit.panel("Curves", "drag to zoom, double click shows all, arrow keys move the cursor"):
                 shown = bench.page.setdefault("signals", _at_start(curves.signals))
-                bench.page["board"] = kit.View("Board", board(f"{job.key}/curves", curves.signals, shown, result))
+                spec = board(f"{job.key}/{CURVES}", curves.signals, shown, curves.duration)
+                bench.page["board"] = kit.View("Board", spec)
 
 
 def _at_start(signals: dict[str, Any]) -> list[str]:
@@ -238,11 +260,12 @@ def _at_start(signals: dict[str, Any]) -> list[str]:
     return known[:8] or list(signals)[:3]
 
 
-def board(key: str, signals: dict[str, Any], shown: list[str], result: dict[str, Any]) -> dict[str, Any]:
+def board(key: str, signals: dict[str, Any], shown: list[str], end: float) -> dict[str, Any]:
     """Plots of some signals of a recording, those of one topic and unit in one plot."""
     plots: dict[tuple[str, str], list[dict[str, Any]]] = {}
     for name in shown:
-        about = signals[name]
+        if (about := signals.get(name)) is None:  # of another recording
+            continue
         plots.setdefault((about["topic"], about["unit"]), []).append(
             {"set": key, "name": name, "label": about["label"]}
         )
@@ -252,7 +275,7 @@ def board(key: str, signals: dict[str, Any], shown: list[str], result: dict[str,
         for i, trace in enumerate(traces):
             trace["color"] = colours[i % len(colours)]
         made.append({"title": topic, "unit": unit, "traces": traces, "height": 130})
-    return {"axis": "time", "xlabel": "time [s]", "end": result["duration"], "plots": made, "marks": []}
+    return {"axis": "time", "xlabel": "time [s]", "end": end, "plots": made, "marks": []}
 
 
 def _tree(bench: Workbench, signals: dict[str, Any]) -> None:
@@ -281,7 +304,7 @@ def _ticked(bench: Workbench, signals: dict[str, Any], names: list[str]) -> None
         first = view._props["spec"]
         key = first["plots"][0]["traces"][0]["set"] if first["plots"] else bench.page["set"]
         bench.page["set"] = key
-        view.show(board(key, signals, bench.page["signals"], {"duration": first["end"]}))
+        view.show(board(key, signals, bench.page["signals"], first["end"]))
 
 
 def timeline(result: dict[str, Any]) -> str:
@@ -313,4 +336,5 @@ STAGE = Stage(
     "Recordings of every format: what was measured, how often, where, and what is missing.",
     build,
     lambda bench: "done" if bench.drives else "ready",
+    light=True,
 )

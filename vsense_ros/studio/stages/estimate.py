@@ -8,7 +8,6 @@ from typing import Any
 import numpy as np
 from nicegui import ui
 
-from vsense_ros.evaluate.wording import HEADINGS, LEGEND
 from vsense_ros.studio import actions, kit
 from vsense_ros.studio.curves import CurveSet
 from vsense_ros.studio.jobs import Job
@@ -244,6 +243,8 @@ def _force_plots(key: str, curves: CurveSet) -> list[dict[str, Any]]:
 
 
 def _tables(result: dict[str, Any]) -> None:
+    from vsense_ros.evaluate.wording import HEADINGS, LEGEND
+
     if result["scores"]:
         with kit.panel("Against the reference", LEGEND):
             rows = [(one["label"], *one["cells"]) for one in result["scores"]]

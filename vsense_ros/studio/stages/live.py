@@ -9,7 +9,6 @@ from nicegui import ui
 from vsense_ros.studio import kit
 from vsense_ros.studio.jobs import Job, Status
 from vsense_ros.studio.stages.stage import Stage
-from vsense_ros.studio.tasks.live import LIVE
 from vsense_ros.studio.workbench import Workbench
 
 
@@ -36,6 +35,7 @@ def build(bench: Workbench) -> None:
 def _growing(bench: Workbench, job: Job) -> None:
     """Curves of the observer that runs, drawn anew when more of them has been written."""
     from vsense_ros.studio.stages.estimate import board
+    from vsense_ros.studio.tasks.live import LIVE
 
     with kit.panel("What the observer publishes", "the last seconds; ±2σ as a band"):
         waiting = kit.words("No estimate has been heard yet.")

@@ -11,13 +11,15 @@ from vsense_ros.studio.workbench import Workbench
 @dataclass(frozen=True)
 class Stage:
     """One stage: its name in addresses, its title, one sentence on its purpose, `build`, which makes its page, and
-    `state`, which is done, ready, running, failed or locked."""
+    `state`, which is done, ready, running, failed or locked. One that is `light` needs no model of a car, and is shown
+    before these have been imported."""
 
     name: str
     title: str
     purpose: str
     build: Callable[[Workbench], None]
     state: Callable[[Workbench], str]
+    light: bool = False
 
 
 def state_of_job(bench: Workbench, stage: str, missing: str) -> str:

@@ -3,7 +3,6 @@
 (() => {
   const V = window.VSense;
   const LEFT = 58, RIGHT = 8, TOP = 6, AXIS = 20; // [px] around the lines
-  const WAIT = 60; // [ms] of rest before finer curves are asked for
   const make = (tag, className, parent, text) => {
     const element = document.createElement(tag);
     if (className) element.className = className;
@@ -72,6 +71,7 @@
         this.listen(canvas);
         return made;
       });
+      this.cursorLine = make("div", "vs-cursor", this.element);
       this.layout();
     }
     layout() {
@@ -86,43 +86,48 @@
     x(value) { return LEFT + ((value - this.window[0]) / (this.window[1] - this.window[0])) * (this.width - LEFT - RIGHT); }
     place(pixel) { return this.window[0] + ((pixel - LEFT) / Math.max(1, this.width - LEFT - RIGHT)) * (this.window[1] - this.window[0]); }
 
-    ask() { clearTimeout(this.waiting); this.waiting = setTimeout(() => this.load(), WAIT); }
+    /** Ask for the curves of the window: at once, or, while an answer is awaited, after it. */
+    ask() { if (this.asking) this.again = true; else this.load(); }
     async load() {
       if (!this.width) return;
       const began = performance.now(), serial = (this.serial = (this.serial || 0) + 1);
-      const traces = [];
+      const traces = [], cut = (t) => ({ set: t.set, begin: t.begin, end: t.end });
       for (const { plot } of this.plots) for (const t of plot.traces) {
-        const cut = { set: t.set, shift: t.shift || 0, begin: t.begin, end: t.end };
-        traces.push({ ...cut, name: t.name });
-        for (const name of t.band || []) traces.push({ ...cut, name });
+        traces.push({ ...cut(t), name: t.name, minus: t.minus ? { ...cut(t.minus), name: t.minus.name } : undefined });
+        for (const name of t.band || []) traces.push({ ...cut(t), name });
       }
-      const bins = Math.max(100, Math.round((this.width - LEFT - RIGHT) * 0.9));
+      const bins = Math.max(100, Math.min(1000, Math.round((this.width - LEFT - RIGHT) * 0.6)));
       let found;
+      this.asking = true;
       try {
         found = await V.source.curves({ axis: this.axis || "time", begin: this.window[0], end: this.window[1], bins, traces });
-      } catch (error) { this.fail(error.message); return; }
+      } catch (error) { if (serial === this.serial) this.fail(error.message); return; } finally { this.asking = false; }
       if (serial !== this.serial) return;
       let k = 0;
-      for (const made of this.plots) made.curves = made.plot.traces.map((t) => {
-        const curve = found[k++];
-        if (t.band) curve.band = [found[k++], found[k++]];
-        return curve;
-      });
+      for (const made of this.plots) {
+        made.curves = made.plot.traces.map((t) => {
+          const curve = found[k++];
+          if (t.band) curve.band = [found[k++], found[k++]];
+          return curve;
+        });
+        made.range = this.rangeOf(made);
+      }
       this.draw();
       this.element.dataset.ms = (performance.now() - began).toFixed(1);
       this.element.dataset.ready = String(serial);
+      if (this.again) { this.again = false; this.load(); }
     }
     fail(sentence) {
       this.element.replaceChildren();
       make("p", "vs-error", this.element, sentence).setAttribute("role", "alert");
     }
 
-    draw() { for (let i = 0; i < this.plots.length; i++) this.drawPlot(this.plots[i], i === this.plots.length - 1); this.showValues(); }
+    draw() { for (let i = 0; i < this.plots.length; i++) this.drawPlot(this.plots[i], i === this.plots.length - 1); this.showCursor(); }
     drawPlot(made, last) {
       const { canvas, height } = made, width = this.width, C = V.colours;
       if (!width) return;
       const g = V.prepare(canvas, width, made.full);
-      const [low, high] = (made.range = this.rangeOf(made));
+      const [low, high] = made.range || [-1, 1];
       const y = (v) => TOP + (1 - (v - low) / (high - low)) * (height - TOP - 4);
       g.lineWidth = 1; g.strokeStyle = C.grid; g.fillStyle = C.muted; g.textBaseline = "middle"; g.textAlign = "right";
       for (const v of V.ticks(low, high, Math.max(2, height / 36))) {
@@ -151,38 +156,34 @@
       });
       g.restore();
       g.strokeStyle = C.frame; g.strokeRect(LEFT + 0.5, TOP + 0.5, width - LEFT - RIGHT - 1, height - TOP - 5);
-      if (this.link.cursor !== null) {
-        const at = Math.round(this.x(this.link.cursor)) + 0.5;
-        if (at >= LEFT && at <= width - RIGHT) {
-          g.strokeStyle = C.cursor; g.beginPath(); g.moveTo(at, TOP); g.lineTo(at, height - 4); g.stroke();
-        }
-      }
       if (this.drag && !this.drag.pan) {
         const a = this.drag.from, b = this.drag.to;
         g.fillStyle = "rgba(11,99,182,0.12)"; g.fillRect(Math.min(a, b), TOP, Math.abs(b - a), height - TOP - 4);
       }
     }
     line(g, curve, y, colour, dash, width) {
-      g.strokeStyle = colour; g.lineWidth = width; g.setLineDash(dash ? [5, 4] : []); g.lineJoin = "round";
+      g.strokeStyle = colour; g.lineWidth = width; g.setLineDash(dash ? [5, 4] : []); g.lineJoin = "bevel";
+      const { x, low, high } = curve, [first, last] = this.window, scale = (this.width - LEFT - RIGHT) / (last - first);
       g.beginPath();
       let pen = false;
-      for (let i = 0; i < curve.x.length; i++) {
-        const a = curve.low[i], b = curve.high[i];
-        if (a === null || b === null) { pen = false; continue; }
-        const at = this.x(curve.x[i]);
+      for (let i = 0; i < x.length; i++) {
+        const a = low[i], b = high[i];
+        if (a !== a || b !== b) { pen = false; continue; }
+        const at = LEFT + (x[i] - first) * scale;
         if (pen) g.lineTo(at, y(a)); else g.moveTo(at, y(a));
         if (b !== a) g.lineTo(at, y(b));
+        else if (!pen && (i + 1 === x.length || low[i + 1] !== low[i + 1])) g.lineTo(at + 1, y(a));
         pen = true;
       }
       g.stroke(); g.setLineDash([]);
     }
     fill(g, low, high, y, colour) {
       g.fillStyle = colour;
-      const n = Math.min(low.x.length, high.x.length);
+      const n = Math.min(low.x.length, high.x.length), absent = (i) => low.low[i] !== low.low[i] || high.high[i] !== high.high[i];
       for (let i = 0; i < n; ) {
-        while (i < n && (low.low[i] === null || high.high[i] === null)) i++;
+        while (i < n && absent(i)) i++;
         let j = i;
-        while (j < n && low.low[j] !== null && high.high[j] !== null) j++;
+        while (j < n && !absent(j)) j++;
         if (j > i + 1) {
           g.beginPath();
           for (let k = i; k < j; k++) g.lineTo(this.x(high.x[k]), y(high.high[k]));
@@ -194,31 +195,35 @@
     }
     /** Limits that show the curves after start-up: lonely extremes do not flatten the rest, nor does a wide band. */
     rangeOf(made) {
-      const values = [];
-      for (const curve of made.curves) if (curve) for (let i = 0; i < curve.x.length; i++) {
-        if (curve.x[i] < this.window[0] || curve.x[i] > this.window[1]) continue;
-        if (curve.low[i] !== null) values.push(curve.low[i]);
-        if (curve.high[i] !== null && curve.high[i] !== curve.low[i]) values.push(curve.high[i]);
+      let count = 0;
+      const values = new Float64Array(made.curves.reduce((sum, curve) => sum + 2 * curve.x.length, 0));
+      for (const curve of made.curves) for (let i = 0; i < curve.x.length; i++) {
+        if (curve.x[i] < this.window[0] || curve.x[i] > this.window[1] || curve.low[i] !== curve.low[i]) continue;
+        values[count++] = curve.low[i]; values[count++] = curve.high[i];
       }
-      if (!values.length) return [-1, 1];
-      values.sort((a, b) => a - b);
-      const at = (share) => values[Math.min(values.length - 1, Math.floor(share * values.length))];
-      let low = values[0], high = values[values.length - 1];
+      if (!count) return [-1, 1];
+      const sorted = values.subarray(0, count).sort();
+      const at = (share) => sorted[Math.min(count - 1, Math.floor(share * count))];
+      let low = sorted[0], high = sorted[count - 1];
       const inner = at(0.995) - at(0.005);
       if (inner > 0 && inner < 0.4 * (high - low)) { low = at(0.005) - 0.25 * inner; high = at(0.995) + 0.25 * inner; }
       const least = Math.max(Math.abs(low), Math.abs(high)) * 1e-6 || 1e-9;
       const pad = Math.max(0.06 * (high - low), least);
       return [low - pad, high + pad];
     }
-    showValues() {
-      const x = this.link.cursor;
+    /** The cursor is an element of its own above the plots, so that it moves without drawing a curve anew. */
+    showCursor() {
+      const x = this.link.cursor, at = x === null ? -1 : Math.round(this.x(x));
+      this.cursorLine.hidden = !(at >= LEFT && at <= this.width - RIGHT);
+      this.cursorLine.style.transform = `translateX(${at}px)`;
       for (const made of this.plots) made.values.forEach((target, i) => {
         const curve = made.curves[i];
-        if (x === null || !curve || !curve.x.length) { target.textContent = ""; return; }
-        let a = 0, b = curve.x.length - 1;
-        while (b - a > 1) { const m = (a + b) >> 1; if (curve.x[m] <= x) a = m; else b = m; }
-        const k = x - curve.x[a] < curve.x[b] - x ? a : b;
-        target.textContent = curve.low[k] === null ? "–" : V.shown((curve.low[k] + curve.high[k]) / 2);
+        let text = "";
+        if (x !== null && curve && curve.x.length) {
+          const k = V.nearest(curve.x, x);
+          text = V.shown((curve.low[k] + curve.high[k]) / 2);
+        }
+        if (target.firstChild) target.firstChild.data = text; else target.textContent = text;
       });
     }
 
@@ -261,19 +266,21 @@
     }
     point(x) {
       const at = Math.min(this.full[1], Math.max(this.full[0], x));
-      this.link.point(at, this.timeAt(at));
+      this.link.point(at, this.timesAt(at));
     }
-    /** Time [s] at a place of the axis, by the first curve that has times. */
-    timeAt(x) {
-      if (this.axis !== "distance") return x;
-      const curve = this.plots.flatMap((made) => made.curves).find((c) => c && c.t && c.x.length);
-      if (!curve) return x;
-      let a = 0, b = curve.x.length - 1;
-      while (b - a > 1) { const m = (a + b) >> 1; if (curve.x[m] <= x) a = m; else b = m; }
-      const share = curve.x[b] > curve.x[a] ? (x - curve.x[a]) / (curve.x[b] - curve.x[a]) : 0;
-      return curve.t[a] + share * (curve.t[b] - curve.t[a]);
+    /** Times [s] at a place of the axis in each drive or lap that is shown. */
+    timesAt(x) {
+      const seen = new Set(), found = [];
+      for (const made of this.plots) made.plot.traces.forEach((trace, i) => {
+        const part = `${trace.set} ${trace.begin}`, curve = made.curves[i];
+        if (seen.has(part) || !curve || !curve.x.length || (this.axis === "distance" && !curve.t)) return;
+        seen.add(part);
+        if (x > curve.x[curve.x.length - 1] && trace.end) return;
+        found.push({ set: trace.set, color: trace.color, time: this.axis === "distance" ? between(curve.x, curve.t, x) : x + (trace.begin || 0) });
+      });
+      return found;
     }
-    onCursor() { if (!this.pending) { this.pending = true; requestAnimationFrame(() => { this.pending = false; this.draw(); }); } }
+    onCursor() { if (!this.pending) { this.pending = true; requestAnimationFrame(() => { this.pending = false; this.showCursor(); }); } }
     onWindow(window) { this.window = (window || this.full).slice(); this.draw(); this.ask(); }
     zoom(begin, end) {
       const width = Math.max(end - begin, (this.full[1] - this.full[0]) * 1e-6);
@@ -301,19 +308,26 @@
       const first = made.curves[0] || { x: [] };
       for (let i = 0; i < first.x.length; i++) {
         const at = first.x[i];
-        rows.push([at, ...made.curves.map((c) => this.nearest(c, at))].join(","));
+        rows.push([at, ...made.curves.map((c) => this.valueAt(c, at))].join(","));
       }
       const text = rows.join("\n") + "\n";
       (navigator.clipboard ? navigator.clipboard.writeText(text) : Promise.reject()).catch(() =>
         V.download(`${made.plot.title}.csv`, new Blob([text], { type: "text/csv" })));
       window.dispatchEvent(new CustomEvent("vs-copied", { detail: `${made.plot.title} copied as CSV` }));
     }
-    nearest(curve, x) {
-      let a = 0, b = curve.x.length - 1;
-      while (b - a > 1) { const m = (a + b) >> 1; if (curve.x[m] <= x) a = m; else b = m; }
-      const k = x - curve.x[a] < curve.x[b] - x ? a : b;
-      return curve.low[k] === null || curve.low[k] === undefined ? "" : (curve.low[k] + curve.high[k]) / 2;
+    valueAt(curve, x) {
+      if (!curve || !curve.x.length) return "";
+      const k = V.nearest(curve.x, x), value = (curve.low[k] + curve.high[k]) / 2;
+      return value === value ? value : "";
     }
   }
+
+  /** Value of an array at `x` by interpolation over another, ascending one. */
+  const between = (xs, values, x) => {
+    let a = 0, b = xs.length - 1;
+    while (b - a > 1) { const m = (a + b) >> 1; if (xs[m] <= x) a = m; else b = m; }
+    const share = xs[b] > xs[a] ? Math.min(1, Math.max(0, (x - xs[a]) / (xs[b] - xs[a]))) : 0;
+    return values[a] + share * (values[b] - values[a]);
+  };
   V.Board = Board;
 })();

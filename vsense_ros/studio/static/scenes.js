@@ -3,15 +3,16 @@
 (() => {
   const V = window.VSense;
 
-  /** A canvas that is drawn again when its size changes. */
+  /** A canvas that is drawn again when its size changes, and one above it for what follows the cursor. */
   class Scene {
     constructor(element, spec) {
       this.element = element;
       element.classList.add("vs-scene");
-      this.canvas = document.createElement("canvas");
+      this.canvas = element.appendChild(document.createElement("canvas"));
       this.canvas.setAttribute("role", "img");
-      element.appendChild(this.canvas);
-      this.resized = new ResizeObserver(() => this.draw());
+      this.above = element.appendChild(document.createElement("canvas"));
+      this.above.setAttribute("aria-hidden", "true");
+      this.resized = new ResizeObserver(() => { if (this.element.clientWidth !== this.width) this.draw(); });
       this.resized.observe(element);
       this.update(spec);
     }
@@ -20,17 +21,28 @@
       this.spec = spec;
       this.link = V.link(spec.group || "main");
       this.link.add(this);
-      this.canvas.style.height = `${spec.height || 260}px`;
+      for (const canvas of [this.canvas, this.above]) canvas.style.height = `${spec.height || 260}px`;
       this.canvas.setAttribute("aria-label", spec.label || "");
       this.load();
     }
     dispose() { this.link.remove(this); this.resized.disconnect(); }
-    begin() {
+    begin(canvas) {
       this.width = this.element.clientWidth; this.height = this.spec.height || 260;
-      return this.width ? V.prepare(this.canvas, this.width, this.height) : null;
+      return this.width ? V.prepare(canvas || this.canvas, this.width, this.height) : null;
     }
     onCursor() { if (!this.pending) { this.pending = true; requestAnimationFrame(() => { this.pending = false; this.follow(); }); } }
-    follow() { this.draw(); }
+    /** Draw what is at the cursor. */
+    follow() {}
+    /** Times at the cursor of a set of curves, as [{time, color}]; without any, the one time of the cursor. */
+    timesOf(set) {
+      const own = this.link.times.filter((one) => one.set === set);
+      if (own.length || this.link.time === null) return own;
+      return this.link.times.length ? [] : [{ time: this.link.time }];
+    }
+    dot(g, x, y, colour) {
+      g.fillStyle = colour || V.colours.cursor; g.strokeStyle = "#fff"; g.lineWidth = 1.5;
+      g.beginPath(); g.arc(x, y, 5, 0, 7); g.fill(); g.stroke();
+    }
     text(g, words, x, y, align) { g.textAlign = align || "left"; g.textBaseline = "middle"; g.fillText(words, x, y); }
   }
 
@@ -48,6 +60,7 @@
       const g = this.begin();
       if (!g) return;
       const C = V.colours, xs = this.paths.flatMap((p) => p.x), ys = this.paths.flatMap((p) => p.y);
+      this.place = null;
       g.fillStyle = C.muted;
       if (!xs.length) { this.text(g, this.error || "no position in this recording", 12, 20); return; }
       const limits = (v) => v.reduce(([a, b], x) => (x === null ? [a, b] : [Math.min(a, x), Math.max(b, x)]), [Infinity, -Infinity]);
@@ -64,18 +77,19 @@
       g.moveTo(12, this.height - 10); g.lineTo(12 + metres * scale, this.height - 10); g.stroke();
       g.fillStyle = C.muted; this.text(g, `${metres} m`, 12, this.height - 20);
       this.text(g, "N ↑", this.width - 10, 14, "right");
-      if (this.link.time === null || this.link.time === undefined) return;
+      this.place = (path, k) => [px(path.x[k]), py(path.y[k])];
+      this.follow();
+    }
+    follow() {
+      const g = this.begin(this.above);
+      if (!g || !this.place) return;
       this.paths.forEach((path, i) => {
-        const k = nearest(path.t, this.link.time);
-        g.fillStyle = C.cursor; g.beginPath(); g.arc(px(path.x[k]), py(path.y[k]), 5, 0, 7); g.fill();
+        const times = this.timesOf(this.spec.paths[i].set);
+        if (path.t.length) for (const { time, color } of times)
+          this.dot(g, ...this.place(path, V.nearest(path.t, time)), this.link.times.length > 1 ? color : null);
       });
     }
   }
-  const nearest = (times, t) => {
-    let a = 0, b = times.length - 1;
-    while (b - a > 1) { const m = (a + b) >> 1; if (times[m] <= t) a = m; else b = m; }
-    return t - times[a] < times[b] - t ? a : b;
-  };
 
   /** Lateral against longitudinal acceleration. spec: {set, x, y} */
   class GG extends Scene {
@@ -102,7 +116,14 @@
       g.fillStyle = "rgba(11,99,182,0.35)";
       for (let k = 0; k < p.t.length; k++) { const [x, y] = at(k); g.fillRect(x - 1, y - 1, 2, 2); }
       g.fillStyle = C.muted; this.text(g, "forward [m/s²]", middle[0] + 6, 12); this.text(g, "left", 6, middle[1] - 9);
-      if (this.link.time !== null) { const [x, y] = at(nearest(p.t, this.link.time)); g.fillStyle = C.cursor; g.beginPath(); g.arc(x, y, 5, 0, 7); g.fill(); }
+      this.place = at;
+      this.follow();
+    }
+    follow() {
+      const g = this.begin(this.above), p = this.points;
+      if (!g || !this.place || !p.t.length) return;
+      for (const { time, color } of this.timesOf(this.spec.set))
+        this.dot(g, ...this.place(V.nearest(p.t, time)), this.link.times.length > 1 ? color : null);
     }
   }
 

@@ -11,24 +11,34 @@ window.VSense = window.VSense || {};
         headers: { "Content-Type": "application/json" }, body: JSON.stringify(body),
       });
       if (!answer.ok) throw new Error((await answer.json().catch(() => ({}))).detail || answer.statusText);
-      return answer.json();
+      return answer;
     }
-    /** Curves of `traces` between two places on the axis: [{x, low, high}], in the order of the traces. */
-    curves(request) { return this._post("/data/curves", request); }
+    async _json(path, body) { return (await this._post(path, body)).json(); }
+    /** Curves of `traces` between two places on the axis: [{x, low, high}] of numbers, in the order of the traces; NaN
+     * breaks a line. */
+    async curves(request) {
+      const bytes = await (await this._post("/data/curves", request)).arrayBuffer();
+      const size = new DataView(bytes).getUint32(0, true);
+      const head = JSON.parse(new TextDecoder().decode(new Uint8Array(bytes, 4, size)));
+      const array = ([first, count]) => new Float64Array(bytes, 4 + size + 8 * first, count);
+      return head.map((curve) => Object.fromEntries(Object.entries(curve).map(([name, place]) => [name, array(place)])));
+    }
     /** Two signals against each other: {t, x, y}. */
-    pairs(request) { return this._post("/data/pairs", request); }
+    pairs(request) { return this._json("/data/pairs", request); }
     /** All signals of a set at a time: {name: value}. */
-    at(request) { return this._post("/data/at", request); }
+    at(request) { return this._json("/data/at", request); }
   }
 
   /** What the views of one group share: cursor and window, in the unit of the axis. */
   class Link {
-    constructor() { this.cursor = null; this.window = null; this.time = null; this.views = new Set(); }
+    constructor() { this.cursor = null; this.window = null; this.time = null; this.times = []; this.views = new Set(); }
     add(view) { this.views.add(view); }
     remove(view) { this.views.delete(view); }
-    /** Put the cursor at a place of the axis; `time` [s] is the time there, if it differs. */
-    point(x, time) {
-      this.cursor = x; this.time = time === undefined ? x : time;
+    /** Put the cursor at a place of the axis. `times` are the times [s] there, one for each drive or lap that is shown:
+     * [{set, time, color}]; without them the place is a time. */
+    point(x, times) {
+      this.times = times || [];
+      this.cursor = x; this.time = this.times.length ? this.times[0].time : x;
       for (const view of this.views) if (view.onCursor) view.onCursor(x, this.time);
     }
     zoom(begin, end) {
@@ -44,6 +54,13 @@ window.VSense = window.VSense || {};
     wheels: { fl: "#0b63b6", fr: "#b4540a", rl: "#0a7a53", rr: "#8a3ea8" },
     series: ["#0b63b6", "#b4540a", "#0a7a53", "#8a3ea8", "#a8123e", "#4c5a00", "#006b7d", "#6b4a2b"],
   };
+
+  /** Index of the value of an ascending array that is nearest to `x`. */
+  function nearest(values, x) {
+    let a = 0, b = values.length - 1;
+    while (b - a > 1) { const m = (a + b) >> 1; if (values[m] <= x) a = m; else b = m; }
+    return x - values[a] < values[b] - x ? a : b;
+  }
 
   /** A canvas as large as its element, in device pixels; returns its context, scaled to CSS pixels. */
   function prepare(canvas, width, height) {
@@ -95,7 +112,7 @@ window.VSense = window.VSense || {};
   }
 
   Object.assign(window.VSense, {
-    play, source: new Server(), colours, prepare, ticks, shown,
+    play, source: new Server(), colours, nearest, prepare, ticks, shown,
     link: (group) => (links[group] = links[group] || new Link()),
     download(name, blob) {
       const a = document.createElement("a");

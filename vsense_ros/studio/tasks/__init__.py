@@ -7,27 +7,28 @@ A task takes its options, a folder for what it writes, and a function that is ca
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
+from importlib import import_module
 from pathlib import Path
 from typing import Any
 
-from vsense_ros.studio.tasks.check import calibrate, check, observe
-from vsense_ros.studio.tasks.data import join, propose, read
-from vsense_ros.studio.tasks.estimate import estimate
-from vsense_ros.studio.tasks.explain import explain
-from vsense_ros.studio.tasks.identify import identify
-from vsense_ros.studio.tasks.live import listen
-
 Task = Callable[[dict[str, Any], Path, Callable[[float], None]], dict[str, Any]]
 
-TASKS: Mapping[str, Task] = {
-    "read": read,
-    "propose": propose,
-    "join": join,
-    "check": check,
-    "calibrate": calibrate,
-    "observe": observe,
-    "estimate": estimate,
-    "identify": identify,
-    "explain": explain,
-    "listen": listen,
+# The module of each task, in the order in which they are needed: a worker imports one after the other while it waits.
+TASKS: Mapping[str, str] = {
+    "read": "data",
+    "propose": "data",
+    "join": "data",
+    "estimate": "estimate",
+    "check": "check",
+    "calibrate": "check",
+    "observe": "check",
+    "identify": "identify",
+    "explain": "explain",
+    "listen": "live",
 }
+
+
+def task_of(kind: str) -> Task:
+    """The function that does a kind of job."""
+    task: Task = getattr(import_module(f"{__name__}.{TASKS[kind]}"), kind)
+    return task

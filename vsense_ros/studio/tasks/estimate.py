@@ -18,8 +18,8 @@ from vsense_ros.evaluate.wording import score_cells
 from vsense_ros.files.vehicle import save_vehicle
 from vsense_ros.messages.laps import laps
 from vsense_ros.model.vehicle import Vehicle
-from vsense_ros.studio.curves import DISTANCE, CurveWriter, driven
-from vsense_ros.studio.tasks.data import CURVES, EAST, NORTH, recording_of
+from vsense_ros.studio.curves import CURVES, DISTANCE, CurveWriter, driven
+from vsense_ros.studio.tasks.data import EAST, NORTH, recording_of
 
 
 def estimate(options: dict[str, Any], folder: Path, progress: Callable[[float], None]) -> dict[str, Any]:
