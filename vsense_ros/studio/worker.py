@@ -75,7 +75,8 @@ def main() -> None:
 
     os.nice(5)
     first, *others = (partial(task_of, kind) for kind in TASKS)
-    for prepare in (first, importers, *others):
+    steps: list[Callable[[], object]] = [first, importers, *others]
+    for prepare in steps:
         if select.select([sys.stdin], [], [], 0)[0]:
             break
         prepare()
