@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from functools import cache
 from pathlib import Path
 
 import pytest
@@ -28,9 +29,15 @@ def vehicle(plant: Vehicle) -> Vehicle:
 
 
 @pytest.fixture(scope="session")
-def lane_change(plant: Vehicle) -> Recording:
+def lane_change() -> Recording:
     """12 s: IMU at 250 Hz, wheel speeds and steering at 100 Hz, GNSS at 10 Hz 0.1 s late; with the truth."""
-    return generate("double_lane_change", plant, seed=1)
+    return _generated()
+
+
+@cache
+def _generated() -> Recording:
+    """Once for the fixtures of all folders."""
+    return generate("double_lane_change", load_vehicle(VEHICLES / "prototype_real.yaml"), seed=1)
 
 
 @pytest.fixture(scope="session")

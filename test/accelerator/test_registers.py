@@ -180,6 +180,7 @@ class TestSimulated:
         here.write("INTERRUPT_STATUS", BIT["INTERRUPT_STATUS.done"])
         assert not here.interrupts
 
+    @pytest.mark.exam
     def test_coefficients_are_taken_in_their_mode_and_kept(self, built) -> None:
         here, table = built(SUSPENSION_MOTION), tables()
         here.write("MODE", BIT["MODE.table"])

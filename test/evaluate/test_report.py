@@ -146,10 +146,10 @@ def test_every_axis_of_the_picture_has_a_unit(whole):
 @pytest.mark.parametrize(
     ("output", "reference"),
     [
-        (lambda s: [odometry("vsense/odometry", s)], lambda s: []),
+        pytest.param(lambda s: [odometry("vsense/odometry", s)], lambda s: [], marks=pytest.mark.exam),
         (lambda s: [odometry("vsense/odometry", s)], lambda s: [odometry("reference/odometry", s + 100.0)]),
         (lambda s: [], lambda s: [odometry("reference/odometry", s)]),
-        (lambda s: [], lambda s: []),
+        pytest.param(lambda s: [], lambda s: [], marks=pytest.mark.exam),
     ],
     ids=["no reference", "reference at another time", "no estimate", "nothing"],
 )
@@ -187,7 +187,12 @@ def standing(found: Recording, place: float) -> Recording:
             marks=pytest.mark.exam,
         ),
         pytest.param(lambda o: standing(o, np.nan), lambda r: standing(r, np.nan), "", marks=pytest.mark.exam),
-        (lambda o: standing(o, 7.0), lambda r: standing(r, 7.0), "east of the start [m]"),
+        pytest.param(
+            lambda o: standing(o, 7.0),
+            lambda r: standing(r, 7.0),
+            "east of the start [m]",
+            marks=pytest.mark.exam,
+        ),
     ],
     ids=["one estimate", "one reference", "one position", "no position", "one place"],
 )

@@ -224,7 +224,7 @@ def test_the_simulated_car_slows_down_by_the_drag_and_the_slope_of_its_file(
     assert lost["extended"] - lost["bare"] == pytest.approx(force / (p.chassis.mass + inertia), rel=0.02)
 
 
-@pytest.mark.slow
+@pytest.mark.exam
 def test_the_simulated_gyro_has_the_bias_and_the_age_of_its_file(driven: dict[str, Recording]) -> None:
     imu = {name: recording["imu/data"] for name, recording in driven.items()}
     apart = imu["extended"].columns["angular_velocity"] - imu["bare"].columns["angular_velocity"]

@@ -68,7 +68,27 @@ def driven(
     front: float = 0.5,
 ) -> Recording:
     """A recording that begins at one place, to the east; the road has a `bank` [rad] by the way to the east [m], and
-    the front wheels have a share of the torques."""
+    the front wheels have a share of the torques. It is made once for each car, so its columns cannot be changed."""
+    key = (vehicle.model_dump_json(), manoeuvre, duration, seed, bank, front)
+    if key not in _DRIVEN:
+        _DRIVEN[key] = _driven(vehicle, manoeuvre, duration, seed, bank, front)
+        for channel in _DRIVEN[key].channels.values():
+            for column in channel.columns.values():
+                column.setflags(write=False)
+    return _DRIVEN[key]
+
+
+_DRIVEN: dict[tuple[object, ...], Recording] = {}
+
+
+def _driven(
+    vehicle: Vehicle,
+    manoeuvre: str,
+    duration: float,
+    seed: int,
+    bank: Callable[[np.ndarray], np.ndarray],
+    front: float,
+) -> Recording:
     speed, angle, acceleration = MANOEUVRES[manoeuvre]
     t = (np.arange(round(duration / STEP)) + 0.5) * STEP
     inputs = np.zeros((len(t), 5))

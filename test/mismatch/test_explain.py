@@ -6,6 +6,7 @@ How well it does on cars that our model did not make is what `make blind` examin
 from __future__ import annotations
 
 from dataclasses import replace
+from functools import cache
 from typing import Any
 
 import numpy as np
@@ -17,7 +18,7 @@ from vsense_ros.files.vehicle import load_vehicle
 from vsense_ros.mismatch.answer_schema import Answer, read_answer
 from vsense_ros.mismatch.candidates import candidates
 from vsense_ros.mismatch.design import NEXT
-from vsense_ros.mismatch.explain import EXTENDED, ROAD, explain_recordings
+from vsense_ros.mismatch.explain import EXTENDED, ROAD, Explanation, explain_recordings
 from vsense_ros.mismatch.remarks import NO_COURSE
 from vsense_ros.mismatch.residuals import Residuals
 from vsense_ros.mismatch.simulation import Predictor
@@ -45,12 +46,17 @@ def test_with_nothing_hidden_wrong_mass_and_tyres_are_fitted_and_nothing_is_name
     assert found.base["cornering stiffness, front"].value == pytest.approx(1 / 0.9 - 1, abs=0.03)
 
 
-@pytest.mark.slow
-def test_a_brake_that_drags_is_named_with_its_wheel_and_torque_and_proven_elsewhere(tmp_path):
+@cache
+def of_dragging_brake() -> Explanation:
+    """The answer for a car one of whose brakes drags, fitted to two drives and proven by a third."""
     true = having(prototype(), brake_drag={"fl": 30.0})
     train = [driven(true, "sweep"), driven(true, "slalom")]
-    result = explain_recordings(train, wrong(prototype()), [driven(true, "brake")])
-    found = result.answer
+    return explain_recordings(train, wrong(prototype()), [driven(true, "brake")])
+
+
+@pytest.mark.slow
+def test_a_brake_that_drags_is_named_with_its_wheel_and_torque_and_proven_elsewhere(tmp_path):
+    found = of_dragging_brake().answer
     assert found.verdict == "named"
     best = found.effects[0]
     assert (best.id, best.wheel) == ("brake_drag", "fl")
@@ -60,16 +66,23 @@ def test_a_brake_that_drags_is_named_with_its_wheel_and_torque_and_proven_elsewh
     assert 0.5 < best.gain_left_out <= 1.0
     assert all(effect.gain_left_out <= 1.0 for effect in found.effects)
 
-    result.write(tmp_path)
+    of_dragging_brake().write(tmp_path)
     assert read_answer(tmp_path) == found
     extended = load_vehicle(tmp_path / "vehicle.extended.yaml")
     assert extended.physics.effects.brake_drag.fl == pytest.approx(torque.value)
-    again = answered(train, extended)
+
+
+@pytest.mark.exam
+def test_with_the_effect_that_was_named_in_its_file_nothing_is_missing(tmp_path):
+    of_dragging_brake().write(tmp_path)
+    true = having(prototype(), brake_drag={"fl": 30.0})
+    train = [driven(true, "sweep"), driven(true, "slalom")]
+    again = answered(train, load_vehicle(tmp_path / "vehicle.extended.yaml"))
     assert again.verdict == "no_mismatch"
     assert np.isfinite(again.misfit)
 
 
-@pytest.mark.slow
+@pytest.mark.exam
 def test_two_effects_at_once_are_both_named():
     true = having(prototype(), brake_drag={"rr": 40.0}, imu_roll_misalignment={"angle": 0.1})
     found = explain_recordings(

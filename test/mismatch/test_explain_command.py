@@ -128,7 +128,7 @@ def test_of_a_part_of_a_recording_nothing_else_is_read(tmp_path):
 
 
 def test_what_would_mend_a_recording_is_told_and_done_when_the_user_agrees(tmp_path):
-    recording = driven(prototype(), "sweep", duration=30.0)
+    recording = driven(prototype(), "sweep", duration=15.0)
     imu = recording["imu/data"]
     columns = {**imu.columns, "linear_acceleration": imu.columns["linear_acceleration"] * [1.0, -1.0, 1.0]}
     wrong = replace(recording, channels={**recording.channels, "imu/data": replace(imu, columns=columns)})

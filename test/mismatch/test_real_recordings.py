@@ -42,7 +42,7 @@ def rav4_recording() -> Recording:
     return import_recording(folder)
 
 
-@pytest.mark.slow
+@pytest.mark.exam
 def test_from_can_and_the_imu_of_a_phone_the_road_under_the_rav4_is_named_and_nothing_else():
     found = explain_recordings([rav4_recording()], load_vehicle(RAV4)).answer
     assert found.verdict == "named"

@@ -23,7 +23,7 @@ from vsense_ros.runner.run import run
 pytestmark = pytest.mark.slow
 
 CAR = "prototype_model"
-SECONDS = 1.5
+SECONDS = 0.7
 
 
 @pytest.fixture(scope="module")

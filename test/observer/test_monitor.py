@@ -121,12 +121,19 @@ def model_of(observer: Runner) -> Diagnostic:
     return line
 
 
+@cache
+def limits_by_slalom() -> Limits:
+    """The limits of two drives."""
+    normal = [watch(driven("slalom", seed), prototype()) for seed in (0, 1)]
+    return calibrate(normal, prototype()).limits
+
+
 @pytest.mark.slow
 def test_diagnostics_say_what_no_longer_fits_and_since_when() -> None:
     drive = driven("slalom", 23)
     wrong = altered(drive, "vehicle/wheel_speeds", "velocity", BEGIN, lambda speeds: speeds * [1, 1, 0.97, 1])
     observer = Runner(prototype(), drive.map_origin)
-    observer.watch(limits())
+    observer.watch(limits_by_slalom())
     said: dict[float, Diagnostic] = {}
     for sample in messages(wrong):
         observer.add(sample)

@@ -30,9 +30,15 @@ VEHICLE = load_vehicle(vehicle_path("prototype_model"))
 def turn_in() -> Recording:
     """The first turn of a double lane change."""
     whole = read_bag(shared_folder("bags") / "double_lane_change")
-    end = whole.first_stamp + 1_500_000_000
+    end = whole.first_stamp + 750_000_000
     channels = [c.select(c.stamp < end) for c in whole.channels.values() if not c.topic.startswith("reference")]
     return dataclasses.replace(whole, channels={c.topic: c for c in channels})
+
+
+@pytest.fixture(scope="module")
+def alone(turn_in: Recording) -> Recording:
+    """The estimates of the turn without an accelerator."""
+    return run(turn_in, VEHICLE, rate=250.0, make=implicit_error_ekf()).output
 
 
 def placed(seed: int) -> list[np.ndarray]:
@@ -56,7 +62,7 @@ def test_a_car_of_its_parts_is_the_car(seed: int) -> None:
     assert np.allclose(np.array(found), np.array(expected), rtol=1e-10, atol=1e-9)
 
 
-@pytest.mark.parametrize("seed", range(20))
+@pytest.mark.parametrize("seed", range(10))
 def test_the_accelerator_has_the_parts_of_the_processor_in_single_precision(seed: int) -> None:
     where = placed(seed)
     car, client = CarInParts(VEHICLE), Client(Direct(Device("mock")))
@@ -107,21 +113,21 @@ def test_a_wrong_word_of_a_part_is_found_and_the_processor_computes_it(part: str
 
 
 @pytest.mark.parametrize("parts", [pytest.param(("suspension_motion",), marks=pytest.mark.exam), PARTS])
-def test_forces_with_parts_from_the_accelerator_are_those_of_the_processor(turn_in: Recording, parts) -> None:
-    alone = run(turn_in, VEHICLE, rate=250.0, make=implicit_error_ekf())
+def test_forces_with_parts_from_the_accelerator_are_those_of_the_processor(
+    turn_in: Recording, alone: Recording, parts: tuple[str, ...]
+) -> None:
     transport = Direct(Device("mock"))
     client = Client(transport)
     make = accelerated("error_ekf", client, ("solve14", *parts), transport.at)
     ours = run(turn_in, VEHICLE, rate=250.0, make=make)
-    assert client.counts["accelerated"] == client.counts["requests"] > 1000
+    assert client.counts["accelerated"] == client.counts["requests"] > 500
     for wheel in WHEELS:
-        found, expected = (out.output[f"vsense/wheel_force/{wheel}"].columns["force"] for out in (ours, alone))
+        found, expected = (out[f"vsense/wheel_force/{wheel}"].columns["force"] for out in (ours.output, alone))
         assert np.abs(found - expected).max() < 1e-3 * np.abs(expected).max()
         assert not np.array_equal(found, expected)  # it is single precision, after all
 
 
-def test_an_accelerator_that_fails_costs_nothing_but_its_use(turn_in: Recording) -> None:
-    alone = run(turn_in, VEHICLE, rate=250.0, make=implicit_error_ekf())
+def test_an_accelerator_that_fails_costs_nothing_but_its_use(turn_in: Recording, alone: Recording) -> None:
     transport = Direct(Device("mock", faults=Faults(drop=0.02, nan=0.05, silent_error=0.05), seed=2))
     client = Client(transport)
     make = accelerated("error_ekf", client, ("solve14", "suspension_motion"), transport.at)
@@ -129,7 +135,7 @@ def test_an_accelerator_that_fails_costs_nothing_but_its_use(turn_in: Recording)
     assert client.counts["not_finite"] > 0
     assert client.counts["implausible"] > 0
     assert client.fallbacks > 0
-    found, expected = (out.output["vsense/odometry"].columns["linear"] for out in (ours, alone))
+    found, expected = (out["vsense/odometry"].columns["linear"] for out in (ours.output, alone))
     assert np.abs(found - expected).max() < 1e-3 * np.abs(expected).max()
 
 

@@ -49,9 +49,9 @@ def test_every_extra_has_a_requirement_file_that_all_includes(extra: str) -> Non
     ("extra", "arguments"),
     [
         ("reports", ("tyres", "--out", "{out}")),
-        ("fmu", ("export", "fmu", "prototype_model", "--output", "{out}/car.fmu")),
+        pytest.param("fmu", ("export", "fmu", "prototype_model", "--output", "{out}/car.fmu"), marks=pytest.mark.exam),
         ("foxglove", ("view", BAG)),
-        ("fleet", ("explain", "--fleet", ROOT / "bags", "--report", "{out}/fleet")),
+        pytest.param("fleet", ("explain", "--fleet", ROOT / "bags", "--report", "{out}/fleet"), marks=pytest.mark.exam),
     ],
 )
 def test_a_command_without_its_extra_says_in_one_sentence_what_to_install(

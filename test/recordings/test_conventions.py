@@ -75,7 +75,7 @@ def test_covariances_are_turned_with_their_vector() -> None:
     assert np.allclose(after[:, [0, 7, 1, 6]], [9.0, 4.0, 1.0, 1.0])
 
 
-@pytest.mark.slow
+@pytest.mark.exam
 def test_forty_recordings_with_other_conventions_are_mended() -> None:
     assert len(EVERY) == 20
     right = [same(mended(one.wrong, mends(one.wrong)), one.right) for one in conventions.drives()]

@@ -69,7 +69,7 @@ def assert_good(course: Course, after: float = 8.0) -> None:
 
 
 @pytest.mark.parametrize("value", exam_except([NAN, INFINITE, -INFINITE, HUGE], NAN))
-@pytest.mark.parametrize("topic", SENSORS.values())
+@pytest.mark.parametrize("topic", exam_except(SENSORS.values(), IMU, VELOCITY))
 def test_numbers_that_are_none_are_refused_and_the_sensor_named(
     topic: str, value: float, observer: Runner, clean: Runner, lane_change: Recording, between
 ) -> None:
@@ -114,7 +114,7 @@ def test_a_variance_that_is_no_number_leaves_its_component_out_each_time() -> No
         np.testing.assert_allclose(event.variance, [2.0, 1.0])
 
 
-@pytest.mark.parametrize("value", exam_except([NAN, INFINITE, HUGE, -1.0, 0.0, 1e-30], NAN, HUGE, 1e-30))
+@pytest.mark.parametrize("value", exam_except([NAN, INFINITE, HUGE, -1.0, 0.0, 1e-30], NAN, 1e-30))
 def test_a_covariance_that_cannot_be_true_does_no_harm(
     value: float, observer: Runner, lane_change: Recording, between
 ) -> None:
@@ -184,7 +184,7 @@ def test_a_problem_from_before_the_clock_of_arrivals_was_set_back_is_an_old_one(
 
 
 @pytest.mark.parametrize("jump", exam_except([-3600.0, -10.0, -1.0, 1.0, 10.0, 3600.0], -1.0))
-@pytest.mark.parametrize("topic", SENSORS.values())
+@pytest.mark.parametrize("topic", exam_except(SENSORS.values(), IMU, FIX))
 def test_one_stray_stamp_is_refused_and_nothing_else(
     topic: str, jump: float, observer: Runner, clean: Runner, lane_change: Recording
 ) -> None:
@@ -203,7 +203,7 @@ def test_one_stray_stamp_is_refused_and_nothing_else(
 
 
 @pytest.mark.parametrize("jump", exam_except([-3600.0, 3600.0], 3600.0))
-@pytest.mark.parametrize("topic", SENSORS.values())
+@pytest.mark.parametrize("topic", exam_except(SENSORS.values(), WHEELS, VELOCITY))
 def test_a_clock_that_went_elsewhere_for_good_loses_its_sensor_alone(
     topic: str, jump: float, observer: Runner, lane_change: Recording, between
 ) -> None:
@@ -313,7 +313,16 @@ def telling(field: str, value: float) -> Callable[[Sample], Sample]:
 
 @pytest.mark.parametrize(
     ("topic", "field", "value"),
-    [(WHEELS, "velocity", 1e3), (WHEELS, "velocity", 1e6), (IMU, "angular_velocity", 1e3), (VELOCITY, "linear", 1e3)],
+    exam_except(
+        [
+            (WHEELS, "velocity", 1e3),
+            (WHEELS, "velocity", 1e6),
+            (IMU, "angular_velocity", 1e3),
+            (VELOCITY, "linear", 1e3),
+        ],
+        (WHEELS, "velocity", 1e6),
+        (IMU, "angular_velocity", 1e3),
+    ),
 )
 def test_first_messages_that_no_car_could_send_are_refused(
     topic: str, field: str, value: float, observer: Runner, lane_change: Recording, between
@@ -373,11 +382,27 @@ def corrupted(sample: Sample, how: str, amount: float) -> Sample:
             return replace(sample, kind="std_msgs/msg/String")
 
 
-@settings(max_examples=15, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
-@given(
-    mixed_in=st.lists(st.tuples(st.integers(0, 1800), CORRUPTION), max_size=120),
-)
+MIXED_IN = st.lists(st.tuples(st.integers(0, 1800), CORRUPTION), max_size=120)
+
+
+@settings(max_examples=5, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@given(mixed_in=MIXED_IN)
 def test_rubbish_between_good_messages_changes_next_to_nothing(
+    mixed_in: list[tuple[int, tuple[str, float]]], vehicle: Vehicle, lane_change: Recording
+) -> None:
+    _changes_next_to_nothing(mixed_in, vehicle, lane_change)
+
+
+@pytest.mark.exam
+@settings(max_examples=40, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@given(mixed_in=MIXED_IN)
+def test_any_rubbish_between_good_messages_changes_next_to_nothing(
+    mixed_in: list[tuple[int, tuple[str, float]]], vehicle: Vehicle, lane_change: Recording
+) -> None:
+    _changes_next_to_nothing(mixed_in, vehicle, lane_change)
+
+
+def _changes_next_to_nothing(
     mixed_in: list[tuple[int, tuple[str, float]]], vehicle: Vehicle, lane_change: Recording
 ) -> None:
     """Frames are no rubbish where a sensor accepts any: then the message is a repeated one."""

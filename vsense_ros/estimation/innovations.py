@@ -49,7 +49,7 @@ class Innovations:
         return Innovations(whitened, deviation, self.used[place] & known, stamp)
 
     def log_density(self) -> Array:
-        """Of each message given all before it, whether it was used or not, (n,)."""
+        """The log density of each message given all before it, used or refused, (n,)."""
         scale = np.nansum(np.log(self.deviation * np.sqrt(2 * np.pi)), axis=1)
         return -scale - 0.5 * np.nansum(self.whitened**2, axis=1)
 

@@ -198,7 +198,7 @@ def _wrapped(difference: Array, measurement: Measurement) -> Array:
 
 
 def _nothing(m: int) -> Innovation:
-    """Of a covariance that is not one."""
+    """The innovation where the covariance has no root: no numbers, and nothing accepted."""
     return Innovation(np.full(m, np.nan), np.full((m, m), np.nan), np.nan, False)
 
 

@@ -43,8 +43,8 @@ class Balance:
 
 
 def balance(output: Recording, vehicle: Vehicle) -> Balance | None:
-    """Of an observer's output with this vehicle; None where no inertial sensor was heard, or a filter knows no
-    forces."""
+    """The balance of forces of an observer's output with this vehicle; None where no inertial sensor was heard, or a
+    filter knows no forces."""
     channel = find_channel(output, "vsense/balance")
     if channel is None or not len(channel):
         return None

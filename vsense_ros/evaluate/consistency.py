@@ -1,4 +1,5 @@
-"""Whether a filter is as sure of itself as it may be: by its innovations, and by the truth where a recording has it.
+"""Consistency of a filter: its errors beside the deviations that it states, by its innovations, and by the truth where
+a recording has it.
 
 Bar-Shalom, Li & Kirubarajan (2001), section 5.4.
 """
@@ -43,7 +44,8 @@ class Consistency:
 
 
 def consistency(parts: Sequence[Innovations], credible: Sequence[NDArray[np.bool_]]) -> Consistency:
-    """Of some sensors on some recordings together; `credible` are their messages that the likelihood is made of."""
+    """Consistency of some sensors on some recordings together; `credible` are their messages of which the
+    likelihood is made."""
     density = np.concatenate([part.log_density()[of] for part, of in zip(parts, credible, strict=True)])
     used = [part.whitened[part.used] for part in parts]
     count = max(sum(int(np.isfinite(values).sum()) for values in used), 1)
@@ -62,7 +64,7 @@ def consistency(parts: Sequence[Innovations], credible: Sequence[NDArray[np.bool
 
 
 def lag_1(whitened: Array) -> tuple[Array, list[int]]:
-    """Of each component of (n, m) its correlation with what it was one message before, and how many pairs there are."""
+    """The correlation of each component of (n, m) with its value one message before, and the number of pairs."""
     before, after = whitened[:-1], whitened[1:]
     both = np.isfinite(before) & np.isfinite(after)
     before, after = np.where(both, before, 0.0), np.where(both, after, 0.0)

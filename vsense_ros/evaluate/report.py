@@ -6,7 +6,7 @@ import re
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from tempfile import TemporaryDirectory
-from typing import Any
+from typing import Any, NamedTuple
 
 import plotly.graph_objects as go
 from plotly.offline import get_plotlyjs
@@ -91,55 +91,85 @@ def _section(drive: Drive, picture: Path | None) -> dict[str, Any]:
     }
 
 
+class _Plot(NamedTuple):
+    """One plot of the page: its title, the unit of its axis, and the names of the signals in it."""
+
+    title: str
+    unit: str
+    names: tuple[str, ...]
+
+
 def _interactive(drive: Drive) -> str:
     """Curves that can be zoomed, as a piece of HTML that needs plotly's script on the page."""
     estimates, truths = read_signals(drive.output, "vsense"), read_signals(drive.input, "reference")
-    rows: list[tuple[str, str, tuple[str, ...]]] = [
-        (SIGNALS[name].label, SIGNALS[name].shown_unit, (name,)) for name in INTERACTIVE if name in estimates
-    ]
+    plots = _plots(estimates)
+    if not plots:
+        return ""
+    start = min(int(series.stamp[0]) for series in (*estimates.values(), *truths.values()))
+    titles = [plot.title.capitalize() for plot in plots] + ([BEYOND] if drive.balance is not None else [])
+    figure = make_subplots(
+        rows=len(titles), cols=1, shared_xaxes=True, vertical_spacing=0.18 / len(plots), subplot_titles=titles
+    )
+    for row, plot in enumerate(plots, start=1):
+        _add_signals(figure, row, plot, estimates, truths, start)
+    if drive.balance is not None:
+        for trace in _unbalanced(drive.balance, start):
+            trace.legend = _legend(len(titles))
+            figure.add_trace(trace, row=len(titles), col=1)
+        figure.update_yaxes(title_text="[%]", row=len(titles), col=1)
+    _lay_out(figure, len(titles))
+    config = {
+        "displaylogo": False,
+        "responsive": True,
+        "showSendToCloud": False,
+        "modeBarButtonsToRemove": ["select2d", "lasso2d"],
+    }
+    named = re.sub(r"\W+", "-", f"plot-{drive.name}")
+    return str(figure.to_html(full_html=False, include_plotlyjs=False, config=config, div_id=named))
+
+
+def _plots(estimates: Mapping[str, Series]) -> list[_Plot]:
+    """The plots of the signals that are estimated: one for each, and one for the four wheels in each direction."""
+    plots = [_Plot(SIGNALS[name].label, SIGNALS[name].shown_unit, (name,)) for name in INTERACTIVE if name in estimates]
     for letter, direction in (("z", "vertical"), ("y", "lateral"), ("x", "longitudinal")):
         names = tuple(name for wheel in WHEELS if (name := f"wheel_force_{wheel}_{letter}") in estimates)
         if names:
-            rows.append((f"{direction} tyre force", "kN", names))
-    if not rows:
-        return ""
-    sums = drive.balance is not None
-    start = min(int(series.stamp[0]) for series in (*estimates.values(), *truths.values()))
-    figure = make_subplots(
-        rows=len(rows) + sums,
-        cols=1,
-        shared_xaxes=True,
-        vertical_spacing=0.18 / len(rows),
-        subplot_titles=[
-            *(label.capitalize() for label, _, _ in rows),
-            *([BEYOND] * sums),
-        ],
-    )
-    last = len(rows) + sums
-    for row, (_, unit, names) in enumerate(rows, start=1):
-        explained: set[str] = set()
-        for name in names:
-            wheel = name.split("_")[2] if name.startswith("wheel_force_") else ""
-            label, colour = wheel.upper() or "estimate", WHEEL_COLOURS.get(wheel, ESTIMATE)
-            for trace in _traces(estimates[name], truths.get(name), start, label, colour):
-                trace.showlegend = trace.name is not None and trace.name not in explained
-                explained.add(trace.name)
-                trace.legend = _legend(row)
-                figure.add_trace(trace, row=row, col=1)
-        figure.update_yaxes(title_text=f"[{unit}]", row=row, col=1)
-        limits = [_limits(estimates[name], truths.get(name)) for name in names]
-        figure.update_yaxes(range=(min(low for low, _ in limits), max(high for _, high in limits)), row=row, col=1)
-    if drive.balance is not None:
-        for trace in _unbalanced(drive.balance, start):
-            trace.legend = _legend(last)
-            figure.add_trace(trace, row=len(rows) + 1, col=1)
-        figure.update_yaxes(title_text="[%]", row=len(rows) + 1, col=1)
-    figure.update_xaxes(title_text="time [s]", row=len(rows) + sums, col=1)
+            plots.append(_Plot(f"{direction} tyre force", "kN", names))
+    return plots
+
+
+def _add_signals(
+    figure: go.Figure,
+    row: int,
+    plot: _Plot,
+    estimates: Mapping[str, Series],
+    truths: Mapping[str, Series],
+    start: int,
+) -> None:
+    """Draw the signals of a plot into a row of the figure, each kind of curve once in its legend, with limits that show
+    them all."""
+    explained: set[str] = set()
+    for name in plot.names:
+        wheel = name.split("_")[2] if name.startswith("wheel_force_") else ""
+        label, colour = wheel.upper() or "estimate", WHEEL_COLOURS.get(wheel, ESTIMATE)
+        for trace in _traces(estimates[name], truths.get(name), start, label, colour):
+            trace.showlegend = trace.name is not None and trace.name not in explained
+            explained.add(trace.name)
+            trace.legend = _legend(row)
+            figure.add_trace(trace, row=row, col=1)
+    limits = [_limits(estimates[name], truths.get(name)) for name in plot.names]
+    span = (min(low for low, _ in limits), max(high for _, high in limits))
+    figure.update_yaxes(title_text=f"[{plot.unit}]", range=span, row=row, col=1)
+
+
+def _lay_out(figure: go.Figure, rows: int) -> None:
+    """Give all plots the looks of the page, a legend of their own, and one axis of time."""
+    figure.update_xaxes(title_text="time [s]", row=rows, col=1)
     figure.update_xaxes(showgrid=True, gridcolor="#ececec", zeroline=False, linecolor="#b8b8b8")
     figure.update_yaxes(showgrid=True, gridcolor="#ececec", zeroline=False, linecolor="#b8b8b8")
     figure.update_annotations(font={"size": 13, "color": TRUTH}, x=0.0, xanchor="left")
     figure.update_layout(
-        height=ROW_HEIGHT * (len(rows) + sums) + 90,
+        height=ROW_HEIGHT * rows + 90,
         margin={"l": 62, "r": 12, "t": 60, "b": 44},
         plot_bgcolor="white",
         paper_bgcolor="white",
@@ -151,20 +181,12 @@ def _interactive(drive: Drive) -> str:
                 "orientation": "h", "x": 1.0, "xanchor": "right", "yanchor": "bottom", "font": {"size": 11},
                 "y": figure.layout[f"yaxis{row if row > 1 else ''}"].domain[1],
             }
-            for row in range(1, last + 1)
+            for row in range(1, rows + 1)
         },
     )  # fmt: skip
     # One axis for all plots, so that the cursor is a line through all of them.
-    figure.update_traces(xaxis=f"x{last}" if last > 1 else "x")
+    figure.update_traces(xaxis=f"x{rows}" if rows > 1 else "x")
     figure.update_xaxes(showspikes=True, spikemode="across", spikethickness=1, spikecolor=TRUTH, spikesnap="cursor")
-    config = {
-        "displaylogo": False,
-        "responsive": True,
-        "showSendToCloud": False,
-        "modeBarButtonsToRemove": ["select2d", "lasso2d"],
-    }
-    named = re.sub(r"\W+", "-", f"plot-{drive.name}")
-    return str(figure.to_html(full_html=False, include_plotlyjs=False, config=config, div_id=named))
 
 
 def _legend(row: int) -> str:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Iterable
+from functools import lru_cache
 from pathlib import Path
 from typing import Any, get_args, get_origin
 
@@ -56,7 +57,7 @@ def _tree(path: Path) -> CommentedMap:
     text = yaml_text.read_text(path)
     yaml_text.check(text, str(path))
     try:
-        tree = YAML().load(text)
+        tree = _parsed(text)
     except MarkedYAMLError as error:
         line = error.problem_mark.line + 1 if error.problem_mark else "?"
         raise InputError(f"{path}:{line}: not valid YAML: {error.problem}") from None
@@ -65,6 +66,13 @@ def _tree(path: Path) -> CommentedMap:
     if not isinstance(tree, CommentedMap):
         raise InputError(f"{path}: expected a mapping with the keys {', '.join(Vehicle.model_fields)}")
     return tree
+
+
+@lru_cache(maxsize=16)
+def _parsed(text: str) -> Any:
+    """The YAML of a text, which nobody changes: to parse it takes longer than all else that loads a vehicle, and many
+    commands load the same one several times."""
+    return YAML().load(text)
 
 
 def save_vehicle(path: str | Path, vehicle: Vehicle) -> None:

@@ -13,8 +13,9 @@ Array = NDArray[np.float64]
 
 
 def course(velocity_noise: float, speed: Array | float) -> Array:
-    """Of the course [rad], of which east and north velocity have `velocity_noise` [m/s] each, at `speed` [m/s]: eq.
-    4.40, whose σ the thesis calls a variance. NaN below twice the noise, where the course is no normal variable."""
+    """Standard deviation of the course [rad] at `speed` [m/s], where east and north velocity have `velocity_noise`
+    [m/s] each: eq. 4.40, whose σ the thesis calls a variance. NaN below twice the noise, where the course is no normal
+    variable."""
     speed = np.asarray(speed, dtype=float)
     return np.where(speed > 2 * velocity_noise, velocity_noise / np.maximum(speed, 1e-9), np.nan)
 
@@ -22,7 +23,8 @@ def course(velocity_noise: float, speed: Array | float) -> Array:
 def heading_by_gyro(
     time: Array | float, noise: float, period: float, *, start: float = 0.0, bias: float = 0.0, bias_walk: float = 0.0
 ) -> Array:
-    """Of a heading [rad] that a gyro has been integrated to for `time` [s]: eq. 4.41, with what the thesis leaves out.
+    """Standard deviation of a heading [rad] for which a gyro has been integrated over `time` [s]: eq. 4.41, with what
+    the thesis leaves out.
 
     `noise` [rad/s] is that of a sample, `period` [s] that between samples, `start` [rad] the heading's own at the
     beginning; a constant bias of unknown sign grows with time, one that walks by `bias_walk` [rad/s/√s] with its power
@@ -33,7 +35,8 @@ def heading_by_gyro(
 
 
 def heading_by_antennas(position_noise: float, distance: float) -> float:
-    """Of the heading [rad] between two antennas `distance` [m] apart, each with `position_noise` [m]: eq. 4.39."""
+    """Standard deviation of the heading [rad] between two antennas `distance` [m] apart, each with `position_noise`
+    [m]: eq. 4.39."""
     return float(np.sqrt(2) * position_noise / distance)
 
 

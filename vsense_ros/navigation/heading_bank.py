@@ -70,7 +70,7 @@ class HeadingBank(GaussianFilter):
         self._yaw = one.names.index("yaw")
 
     def at(self, memory: Array) -> HeadingBank:
-        """The same, with its memory in this array (s,)."""
+        """A copy of this bank whose memory is this array (s,)."""
         kept = self.memory.copy()
         made = HeadingBank(self.bank[0], memory)
         memory[:] = kept
@@ -128,7 +128,7 @@ class HeadingBank(GaussianFilter):
         self.covariance[:] = inner + off.T @ (weights[:, None] * off)
 
     def is_valid(self) -> bool:
-        """Whether each filter is."""
+        """True if every filter of the bank is valid."""
         return all(one.is_valid() for one in self.bank)
 
     def inflate(self) -> None:

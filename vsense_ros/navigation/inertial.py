@@ -73,7 +73,7 @@ class Inertial(JointKkf):
 
 
 def turning(x: Named, u: Named) -> ca.SX:
-    """Of the car [rad/s]."""
+    """Yaw rate of the car [rad/s], by the gyro without its bias and scale."""
     return (u.yaw_rate - x.gyro_bias) / (1 + x.gyro_scale)
 
 

@@ -76,7 +76,7 @@ class Integrated(NavigationSpace):
     }  # fmt: skip
 
     def slip_angles(self, x: Named, u: Named, theta: Named) -> tuple[ca.SX, ca.SX]:
-        """Of both axles, such that the force has their sign [rad]."""
+        """Slip angles of both axles [rad], such that the force has their sign."""
         speed = single_track.speed_of_model(x.forward_velocity)
         across = x.lateral_velocity + theta.roll_arm * x.roll_rate
         front = u.steer_angle - x.steering_bias - (across + theta.to_front * x.yaw_rate) / speed

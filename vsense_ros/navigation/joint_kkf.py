@@ -58,14 +58,14 @@ class JointKkf(NavigationSpace):
 
 
 def velocity_on_map(x: Named, z: Named, u: Named, p: Named) -> list[ca.SX]:
-    """Of the antenna, to the east and to the north."""
+    """Velocity of the antenna to the east and to the north [m/s]."""
     rate, c, s = u.yaw_rate - x.gyro_bias, ca.cos(x.yaw), ca.sin(x.yaw)
     forward, lateral = x.forward_velocity - rate * p.antenna_y, x.lateral_velocity + rate * p.antenna_x
     return [c * forward - s * lateral, s * forward + c * lateral]
 
 
 def position_on_map(x: Named, z: Named, u: Named, p: Named) -> list[ca.SX]:
-    """Of the antenna."""
+    """Position of the antenna to the east and to the north [m]."""
     c, s = ca.cos(x.yaw), ca.sin(x.yaw)
     return [x.east + c * p.antenna_x - s * p.antenna_y, x.north + s * p.antenna_x + c * p.antenna_y]
 

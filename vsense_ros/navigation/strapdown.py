@@ -60,7 +60,7 @@ class Strapdown(NavigationSpace):
     }  # fmt: skip
 
     def rates(self, x: Named, u: Named) -> ca.SX:
-        """Of the body (3,)."""
+        """Angular rates of the body (3,) [rad/s]."""
         return u.vector[0:3] - x.vector[_G]
 
     def acceleration(self, x: Named, u: Named, theta: Named) -> ca.SX:

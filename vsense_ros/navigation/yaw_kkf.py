@@ -57,7 +57,7 @@ class YawKkf(NavigationSpace):
 
 
 def straight(x: Named, u: Named, theta: Named) -> ca.SX:
-    """Whether the car goes straight, by the gyro without its bias: with it, one of 1 °/s would decide (C5)."""
+    """True if the car goes straight, by the gyro without its bias: with it, one of 1 °/s would decide (C5)."""
     return ca.fabs(u.yaw_rate - x.gyro_bias) < theta.straight_rate + SURE * u.bias_deviation
 
 

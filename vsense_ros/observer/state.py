@@ -140,14 +140,14 @@ class Prior:
 
     @property
     def covariance(self) -> Array:
-        """Of the errors at start, (n, n)."""
+        """Covariance of the errors at start, (n, n)."""
         found = np.diag(self.deviation**2)
         couple(found, found.diagonal()[FORCE].copy(), FORCE.start, self.levers)
         found[SPIN_FORCES, SPIN_FORCES] = self.torques.covariance[BRAKING]
         return found
 
     def placed(self) -> Prior:
-        """The same where place and heading are known at start: the map is laid by them."""
+        """What is assumed where place and heading are known at start: the map is laid by them."""
         deviation = self.deviation.copy()
         deviation[[X, Y, YAW]] = _PLACED
         return replace(self, deviation=deviation)

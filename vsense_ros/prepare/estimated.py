@@ -28,5 +28,5 @@ class Estimated:
         return replace(self, value=value, deviation=hypot(self.deviation * factor, *(value * one for one in relative)))
 
     def by(self, rule: Estimated) -> Estimated:
-        """The same number as it follows from another rule."""
+        """This number as a result of another rule."""
         return replace(self, rule=rule.rule, source=rule.source)

@@ -87,7 +87,7 @@ def _grip(part: Axle, load: float) -> float:
 
 
 def _balance(car: Vehicle, arms: tuple[str, ...]) -> Iterator[Feature]:
-    """Whether tyres whose parameters differ carry the loads for which they were measured."""
+    """The ratio of the axles' loads over that of the loads for which their tyres were measured, if these differ."""
     tyres = [part.tyre for part in (car.physics.front, car.physics.rear)]
     front, rear = tyres
     if not (isinstance(front, TMeasy) and isinstance(rear, TMeasy)):
