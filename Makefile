@@ -11,6 +11,8 @@ export RMW_IMPLEMENTATION := rmw_fastrtps_cpp
 export ROS_AUTOMATIC_DISCOVERY_RANGE := LOCALHOST
 export HOME := $(or $(HOME),$(CURDIR)/out/home)
 export ROS_LOG_DIR := $(CURDIR)/out/ros_log
+# Hundreds of processes import the package: each would compile it anew if none could keep what it compiled.
+unexport PYTHONDONTWRITEBYTECODE
 # One thread per process: the work is small matrices, and several processes share the cores.
 export OMP_NUM_THREADS ?= 1
 export OPENBLAS_NUM_THREADS ?= 1
