@@ -665,6 +665,23 @@ def test_a_node_goes_through_its_lifecycle_on_request(
     port.close()
 
 
+def test_a_node_has_no_socket_that_another_machine_could_reach(
+    start: Start, environment: Mapping[str, str], tmp_path: Path
+) -> None:
+    psutil = pytest.importorskip("psutil", reason="psutil lists the sockets of a process")
+    from diagnostic_msgs.msg import DiagnosticArray
+
+    port = PtyPort(str(tmp_path / "gnss"))
+    driver = start("gps_driver", port=str(tmp_path / "gnss"))
+    with probe(environment) as client:  # which looks for others as any program of ROS on this machine
+        health = client.listen(DiagnosticArray, "diagnostics")
+        client.until(lambda: bool(health))
+        sockets = psutil.Process(driver.pid).net_connections(kind="inet")
+    assert sockets
+    assert {socket.laddr.ip for socket in sockets} == {"127.0.0.1"}
+    port.close()
+
+
 def test_an_observer_that_hears_no_sensor_any_more_says_that_its_estimate_is_old(
     start: Start, environment: Mapping[str, str]
 ) -> None:

@@ -7,7 +7,6 @@ from __future__ import annotations
 
 import os
 from collections.abc import Callable, Mapping
-from pathlib import Path
 from typing import Any
 
 from launch import LaunchContext, LaunchDescription
@@ -16,9 +15,10 @@ from launch.event_handlers import OnProcessExit
 from launch_ros.actions import LifecycleNode
 from launch_ros.parameter_descriptions import ParameterValue
 
+from vsense_ros.node.discovery import PROFILES, RANGE, on_this_machine
+
 BAD_INPUT = 2  # exit code of a node that refuses its parameters or files
 
-_PROFILES = ("FASTRTPS_DEFAULT_PROFILES_FILE", "FASTDDS_DEFAULT_PROFILES_FILE")
 
 Arguments = Mapping[str, tuple[str | None, str]]  # name → default (None: has to be given), description
 
@@ -125,11 +125,10 @@ def description(arguments: Arguments, actions: Callable[[Given], list[Any]]) -> 
 
     def made(context: LaunchContext) -> list[Any]:
         given = Given({name: context.launch_configurations[name] for name in every})
-        reach = given.text("discovery") or os.environ.get("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")
-        environment = {"ROS_AUTOMATIC_DISCOVERY_RANGE": reach}
-        if reach == "LOCALHOST" and not any(name in os.environ for name in _PROFILES):
-            # By itself Fast DDS listens on every interface, whoever is looked for.
-            environment |= dict.fromkeys(_PROFILES, str(Path(__file__).with_name("discovery.xml")))
+        reach = given.text("discovery") or os.environ.get(RANGE, "LOCALHOST")
+        environment = {RANGE: reach}
+        if reach == "LOCALHOST" and not any(name in os.environ for name in PROFILES):
+            environment = on_this_machine()
         return [*(SetEnvironmentVariable(name, value) for name, value in environment.items()), *actions(given)]
 
     return LaunchDescription([*declared, OpaqueFunction(function=made)])

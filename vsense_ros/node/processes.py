@@ -26,6 +26,7 @@ from vsense_ros.errors import InputError
 from vsense_ros.messages.diagnostic import Diagnostic, Level
 from vsense_ros.messages.recording import Recording
 from vsense_ros.node.byte_log import write_byte_log
+from vsense_ros.node.discovery import on_this_machine
 
 
 @dataclass(frozen=True)
@@ -79,9 +80,7 @@ def ros_environment(domain: int) -> dict[str, str]:
     environment.pop("_ROS_WHEELS_BOOTSTRAP_COMPLETE", None)
     environment |= {
         "ROS_DOMAIN_ID": str(domain),
-        "ROS_AUTOMATIC_DISCOVERY_RANGE": "LOCALHOST",
-        "FASTRTPS_DEFAULT_PROFILES_FILE": str(Path(__file__).with_name("discovery.xml")),
-        "FASTDDS_DEFAULT_PROFILES_FILE": str(Path(__file__).with_name("discovery.xml")),
+        **on_this_machine(),
         "PYTHONUNBUFFERED": "1",
         "OMP_NUM_THREADS": "1",
         "OPENBLAS_NUM_THREADS": "1",
