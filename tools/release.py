@@ -1,4 +1,5 @@
-"""Release files in out/release: wheel, source archive, Debian source package; each is installed and tried.
+"""Release files in out/release: wheel, source archive, Debian source package; each is installed and tried. Beside them
+a bill of materials (SBOM) of the environment into which the wheel was installed, with the versions that were tried.
 
 The Debian files come from the templates by which ROS releases its packages (bloom). bloom itself resolves dependencies
 over the network; here they follow from package.xml by the naming rule of ROS, so that the result is reproducible.
@@ -48,8 +49,11 @@ def distributions() -> tuple[Path, Path]:
     return wheel, archive
 
 
-def try_installed(what: Path) -> None:
-    """Install a wheel or an archive into an empty environment and estimate a manoeuvre, away from the checkout."""
+def try_installed(what: Path, materials: Path | None = None) -> None:
+    """Install a wheel or an archive into an empty environment and estimate a manoeuvre, away from the checkout.
+
+    All that the environment then consists of is written to `materials`, as a bill of materials of CycloneDX.
+    """
     with TemporaryDirectory() as folder:
         place = Path(folder)
         venv.create(place / "venv", with_pip=True)
@@ -60,6 +64,9 @@ def try_installed(what: Path) -> None:
         run(vsense, "run", MANOEUVRE, "--vehicle", "prototype_model", "--out", place / "estimate", cwd=place)
         if not (place / "estimate" / "summary.json").is_file():
             sys.exit(f"{what.name}: the installed command made no estimate")
+        if materials is not None:
+            options = ("--output-reproducible", "--output-file", materials)
+            run(sys.executable, "-m", "cyclonedx_py", "environment", *options, python)
     print(f"{what.name}: installed into an empty environment, {MANOEUVRE.name} estimated")
 
 
@@ -165,8 +172,8 @@ def main() -> None:
     shutil.rmtree(RELEASE, ignore_errors=True)
     RELEASE.mkdir(parents=True)
     wheel, archive = distributions()
-    for distribution in (wheel, archive):
-        try_installed(distribution)
+    try_installed(wheel, RELEASE / f"{wheel.stem}.cdx.json")
+    try_installed(archive)
     if shutil.which("dpkg-source") is None:
         sys.exit("dpkg-source is not installed: the Debian source package is not made (apt install dpkg-dev)")
     try_debian(debian_source(archive))
