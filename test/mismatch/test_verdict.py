@@ -558,8 +558,8 @@ def test_what_is_asked_for_is_what_the_thresholds_say():
     strict = replace(THRESHOLDS, least_gain=0.25)
     assert judge([drag], (), Made(), thresholds=strict).verdict == "no_mismatch"
     assert judge([drag], (), Made(), least_gain=0.25).verdict == "no_mismatch"
-    certain = replace(THRESHOLDS, trusted=0.5)
-    assert judge([drag], (), Made(), thresholds=certain).confidence(drag, "drag") == pytest.approx(0.5, abs=1e-3)
+    certain = replace(THRESHOLDS, trusted=0.6)
+    assert judge([drag], (), Made(), thresholds=certain).confidence(drag, "drag") == pytest.approx(0.6, abs=1e-3)
 
 
 def test_an_effect_that_a_term_explains_clearly_better_is_refused_with_that_reason():
@@ -629,3 +629,45 @@ def test_an_interval_is_about_its_size_and_wider_than_what_the_windows_agree_in(
     low, high = interval(value, spread)
     assert (low + high) / 2 == pytest.approx(value, abs=1e-9)
     assert (high - low) / 2 >= 1.64 * max(spread, 0.12 * abs(value))
+
+
+def test_of_a_set_the_effect_that_is_likelier_absent_than_present_is_not_named_but_said_besides():
+    drag = explaining("drag", 0.5, 0.5)
+    both, instead = explaining("drag + slope", 0.6, 0.6), explaining("drag + wind", 0.61, 0.58)
+    # The wind explains hardly less beside the drag, but leaves a signal further off, so that it is no rival.
+    judged = judge([drag, both, instead], (), Nearer())
+    assert judged.verdict == "named"
+    assert judged.doubted == ()
+    assert all(judged.confidence(judged.leader, id) >= THRESHOLDS.least_confidence for id in judged.leader.effects)
+    certain = judge([drag, both], (), Nearer())
+    assert certain.leader is both
+
+
+class Nearer(Made):
+    """Recordings in which a wind leaves signals further off than a slope does."""
+
+    def nearer(self, one: Hypothesis, other: Hypothesis) -> list[tuple[float, float]]:
+        return [(1.0, 0.0)] if "wind" in other.name else [(0.0, 1.0)]
+
+
+def test_no_effect_is_named_that_is_likelier_absent_than_present():
+    chance = THRESHOLDS.least_gain
+    assert said(explaining("slope", 1.01 * chance, 1.01 * chance)) == ("no_mismatch", ())
+    assert said(explaining("slope", 1.1 * chance, 1.1 * chance)) == ("named", ("slope",))
+
+
+def test_of_two_that_explain_nearly_all_the_one_that_leaves_half_as_much_is_named_with_confidence():
+    slope, wind = explaining("slope", 0.99, 0.99), explaining("wind", 0.98, 0.98)
+    judged = judge([slope, wind], (), Made())
+    assert (judged.verdict, judged.leader) == ("named", slope)
+    assert judged.confidence(slope, "slope") > 0.8
+
+
+def test_a_size_that_may_be_zero_is_doubted_whatever_it_explains():
+    size = FreeParameter("effects.drag.size", "m", 1.0, -9.0, 9.0, lambda values, offset: {})
+    candidate = Candidate("brake_drag", "", (size,), "drag")
+    fitted = replace(FITTED, free_parameters=(size,), offsets=np.array([2.0]), slopes=[np.zeros((100, 1))])
+    sharp = Hypothesis((candidate,), fitted, 0.5, 0.5, 0.5, 0.5, 0.0, {size.name: 0.1})
+    judged = judge([sharp], (), Made())
+    assert (judged.verdict, judged.doubted) == ("named", ())
+    assert judged.led_by(replace(sharp, deviations={size.name: 2.0}), Made()).doubted == ("brake_drag",)

@@ -418,12 +418,18 @@ def _with_final_sizes(search: Search, judged: Judged, validation: Validation) ->
     varied = search.with_profile(judged.leader) if off else None
     unshrunk = search.fitting.unshrunk(judged.leader)
     if validation.lasting(unshrunk) > 0:
-        judged = judged.led_by(unshrunk, validation)
+        judged = _led_by(judged, unshrunk, validation)
     if varied is None or judged.leader is None:
         return judged, ""
     if validation.lasting(varied) > validation.lasting(judged.leader):
-        return judged.led_by(varied, validation), ""
+        return _led_by(judged, varied, validation), ""
     return judged, off
+
+
+def _led_by(judged: Judged, leader: Hypothesis, validation: Validation) -> Judged:
+    """The verdict with another fit of the leader, unless that one would make names doubtful which are not."""
+    led = judged.led_by(leader, validation)
+    return judged if set(led.doubted) > set(judged.doubted) else led
 
 
 def _refitted(

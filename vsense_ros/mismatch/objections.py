@@ -115,13 +115,17 @@ class Objections:
         return ""
 
     def _negligible(self, e: Hypothesis) -> list[Candidate]:
-        """Those of its effects that have next to no size, or one that might as well be zero."""
-        sizes, deviations, limits = e.sizes, e.deviations, self.thresholds
+        return negligible(e, self.thresholds)
 
-        def told(parameter: FreeParameter) -> bool:
-            """True if its size is worth reporting, and zero is outside of the reported interval."""
-            size = sizes[parameter.name]
-            low, high = interval(size, deviations[parameter.name], limits)
-            return abs(size) >= limits.negligible_size * parameter.likely and not low <= 0.0 <= high
 
-        return [c for c in e.candidates if c.free_parameters and not any(map(told, c.free_parameters))]
+def negligible(e: Hypothesis, thresholds: Thresholds) -> list[Candidate]:
+    """The effects of an explanation that have next to no size, or one that might as well be zero."""
+    sizes, deviations = e.sizes, e.deviations
+
+    def matters(parameter: FreeParameter) -> bool:
+        """True if a size is worth reporting, and zero is outside of the reported interval."""
+        size = sizes[parameter.name]
+        low, high = interval(size, deviations[parameter.name], thresholds)
+        return abs(size) >= thresholds.negligible_size * parameter.likely and not low <= 0.0 <= high
+
+    return [c for c in e.candidates if c.free_parameters and not any(map(matters, c.free_parameters))]

@@ -49,6 +49,7 @@ class Thresholds:
     trusted: float
     by_lead: float
     refused: float
+    least_confidence: float
     size_error: float
 
     def least_gain_on(self, driven: float) -> float:

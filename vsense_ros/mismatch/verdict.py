@@ -8,9 +8,11 @@ from dataclasses import dataclass, replace
 from vsense_ros.mismatch.answer_schema import VerdictName
 from vsense_ros.mismatch.confidence import confidence
 from vsense_ros.mismatch.hypothesis import Hypothesis
-from vsense_ros.mismatch.objections import DISAGREED, OUTDONE, Objections
+from vsense_ros.mismatch.objections import DISAGREED, OUTDONE, Objections, negligible
 from vsense_ros.mismatch.thresholds import THRESHOLDS, Thresholds
 from vsense_ros.mismatch.validation import Validation
+from vsense_ros.model.effects import EVERY
+from vsense_ros.model.effects.base import RoadEffect
 
 
 @dataclass(frozen=True)
@@ -33,6 +35,7 @@ class Judged:
     proven: Mapping[Hypothesis, float]  # the smaller of the gains where an explanation was fitted and where it was not
     besides: tuple[str, ...] = ()  # ids of effects of which one may be there as well, nobody knows which
     partial: bool = False  # whether something more is left over, which nothing explains
+    excluded: frozenset[Hypothesis] = frozenset()  # by more than what they gain
     in_doubt: tuple[Hypothesis, ...] = ()  # between which to choose, the best first; what they share may be sure
     thresholds: Thresholds = THRESHOLDS
 
@@ -59,15 +62,35 @@ class Judged:
         effects of the explanation leave leads what any other effect would; next to nothing where it is refused."""
         rest = set(hypothesis.effects) - {effect}
         known = self._most(e for e in self.hypotheses if set(e.effects) == rest)
-        others = (
-            e for e in self.hypotheses
-            if effect not in e.effects and rest < set(e.effects) and len(e.effects) == len(hypothesis.effects)
-        )  # fmt: skip
+        others = self.instead_of(hypothesis, effect) - self.excluded
         left = max(1 - known, self.thresholds.least_gain)
         gain, other = (self.proven[hypothesis] - known) / left, (self._most(others) - known) / left
         found = confidence(gain, other, self.thresholds)
         answer = {one for e in self.rivals for one in e.effects} | set(self.besides)
         return found if effect in answer else min(found, self.thresholds.refused)
+
+    def instead_of(self, hypothesis: Hypothesis, effect: str) -> set[Hypothesis]:
+        """Explanations that have any other effect in place of one of a hypothesis."""
+        rest = set(hypothesis.effects) - {effect}
+        return {
+            e for e in self.hypotheses
+            if effect not in e.effects and rest < set(e.effects) and len(e.effects) == len(hypothesis.effects)
+        }  # fmt: skip
+
+    @property
+    def doubted(self) -> tuple[str, ...]:
+        """Ids of effects of the leader that would be named although they are less likely present than not, or their
+        size may be zero; what a road is like at each place may be known where its mean is not."""
+        if self.leader is None:
+            return ()
+        zero = {
+            c.effect for c in negligible(self.leader, self.thresholds) if not issubclass(EVERY[c.effect], RoadEffect)
+        }
+        return tuple(
+            id for id in self.leader.effects
+            if id in self.sure
+            and (id in zero or self.confidence(self.leader, id) < self.thresholds.least_confidence)
+        )  # fmt: skip
 
     def other_places(self) -> tuple[str, ...]:
         """Where else the only effect of the leader would explain about as much as where it explains most."""
@@ -119,7 +142,12 @@ def judge(
 
 def _as_good(gain: float, most: float, thresholds: Thresholds, shared: float = 0.0) -> bool:
     """True if a gain is within reach of the largest, of both of which `shared` is a part."""
-    return gain - shared >= thresholds.rival_share * (most - shared) and 1 - gain <= thresholds.rival_left * (1 - most)
+    return gain - shared >= thresholds.rival_share * (most - shared) and not _leaves_more(gain, most, thresholds)
+
+
+def _leaves_more(gain: float, most: float, thresholds: Thresholds) -> bool:
+    """True if what a gain leaves is a multiple of what the largest leaves."""
+    return 1 - gain > thresholds.rival_left * (1 - most)
 
 
 @dataclass(frozen=True)
@@ -173,10 +201,33 @@ class _Judge:
             instead = [e for e in self.within_reach(sure)[1:] if not any(set(e.effects) <= one for one in names)]
             leader, rivals = sure, (sure, *instead)
             names = {frozenset(e.effects) for e in rivals}
-        return replace(
+        judged = replace(
             self.said("named" if len(names) == 1 else "ambiguous", leader, *rivals),
             besides=tuple(sorted(besides)), partial=partial, in_doubt=in_doubt if len(in_doubt) > 1 else (),
         )  # fmt: skip
+        return self.without_doubted(judged, term)
+
+    def without_doubted(self, judged: Judged, term: Hypothesis | None) -> Judged:
+        """The verdict in which no effect is named that is less likely present than not: the others are named, if they
+        hold alone, with a remark on it; otherwise what explains as much in its place is its rival."""
+        doubted, leader = judged.doubted, judged.leader
+        if not doubted or leader is None:
+            return judged
+        rest = self.best.get(frozenset(leader.effects) - set(doubted))
+        if rest is not None and self.agreed(rest) and (self.holds(rest) or not self.objections.to_part(rest)):
+            named = replace(
+                self.said("named", rest, rest), besides=tuple(sorted({*judged.besides, *doubted})),
+                partial=judged.partial or not self.holds(rest), in_doubt=judged.in_doubt,
+            )  # fmt: skip
+            return self.without_doubted(named, term)
+        likeliest = (
+            max(judged.instead_of(leader, id) - judged.excluded, key=self.proven.__getitem__, default=None)
+            for id in doubted
+        )
+        instead = [e for e in likeliest if e is not None and self.proven[e] > self.least_gain]
+        if not instead:
+            return self.nothing_known(_Leading(None, None), term)
+        return replace(judged, verdict="ambiguous", rivals=(*judged.rivals, *instead))
 
     def part(self, likeliest: Hypothesis | None) -> Hypothesis | None:
         """What explains most where nothing explains all: effects of which each is needed, and mends what it changes.
@@ -226,7 +277,12 @@ class _Judge:
             Ranked(e, self.objections.to(e) or ("" if self.agreed(e) else DISAGREED)) for e in self.ranked.values()
         )
         hypotheses, proven = tuple(self.hypotheses), self.proven
-        return Judged(verdict, leader, rivals, ranked, hypotheses, proven, thresholds=self.thresholds)
+        excluded = frozenset(
+            e for e in hypotheses if e not in rivals and leader is not None and self.exceeded(e, leader)
+        )
+        return Judged(
+            verdict, leader, rivals, ranked, hypotheses, proven, excluded=excluded, thresholds=self.thresholds
+        )
 
     def term(self) -> Hypothesis | None:
         """The term without known physics that explains most, if that is enough and held-out recordings as a whole are
@@ -328,7 +384,18 @@ class _Judge:
         beyond what the two share."""
         shared = frozenset(e.effects) & frozenset(by.effects)
         known = self.proven[self.best[shared]] if shared in self.best else 0.0
-        if not _as_good(self.proven[e], self.proven[by], self.thresholds, known) or self.surpassed(e, by):
+        if not _as_good(self.proven[e], self.proven[by], self.thresholds, known):
+            return True
+        return self.exceeded(e, by)
+
+    def exceeded(self, e: Hypothesis, by: Hypothesis) -> bool:
+        """True if an explanation is excluded by another one for more than that it gains less."""
+        if self.surpassed(e, by):
+            return True
+        shared = frozenset(e.effects) & frozenset(by.effects)
+        known = self.proven[self.best[shared]] if shared in self.best else 0.0
+        gains = self.proven[e] - known >= self.thresholds.rival_share * (self.proven[by] - known)
+        if gains and _leaves_more(self.proven[e], self.proven[by], self.thresholds):
             return True
         joint = self.best.get(frozenset((*by.effects, *e.effects)))
         own = self.thresholds.rival_share * (self.proven[e] - known)
