@@ -102,4 +102,4 @@ def test_two_effects_of_which_neither_shows_alone_are_found_together(besides: di
 
 def test_where_one_of_the_two_is_there_alone_they_do_not_hide_each_other():
     search = searching(turned=TURNED)
-    assert search.screening.hiding_each_other(search.base, ()) == []
+    assert search.screening.pairs(search.base, ()) == []

@@ -671,3 +671,20 @@ def test_a_size_that_may_be_zero_is_doubted_whatever_it_explains():
     judged = judge([sharp], (), Made())
     assert (judged.verdict, judged.doubted) == ("named", ())
     assert judged.led_by(replace(sharp, deviations={size.name: 2.0}), Made()).doubted == ("brake_drag",)
+
+
+def test_a_road_that_changes_gives_way_to_one_size_that_leaves_no_more_than_a_good_model():
+    class Level(Made):
+        on_another_road = False
+
+        def worst_after(self, hypothesis: Hypothesis) -> float:
+            return 0.9 if hypothesis.effects == ("drag",) else 1.3
+
+    place = FreeParameter("slope@0", "rad", 0.1, -1.0, 1.0, lambda values, offset: {}, place=("slope", 0.0))
+    fitted = replace(FITTED, free_parameters=(place,), offsets=np.array([0.2]), slopes=[np.zeros((100, 1))])
+    hilly = replace(
+        explaining("slope", 0.9, 0.9), candidates=(Candidate("slope", "along the road", (place,), "slope"),),
+        fit=fitted, deviations={place.name: 0.01},
+    )  # fmt: skip
+    assert judge([hilly, explaining("drag", 0.7, 0.7)], (), Level()).leader.effects == ("drag",)
+    assert judge([hilly, explaining("wind", 0.7, 0.7)], (), Level()).leader is hilly

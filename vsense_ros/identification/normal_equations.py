@@ -52,6 +52,27 @@ class NormalEquations:
             offsets = offsets + change
         return np.asarray(costs + self.weight * float(offsets @ offsets) * self.rows / self.rows.sum())
 
+    def gains_of_pairs(self, count: int) -> Array:
+        """(count, count) by how much more the value would fall if two of the last `count` free parameters were fitted
+        together with all that stand before these, than with those alone; on the diagonal if one was. All follow from
+        one elimination of the others (Schur's complement)."""
+        normal = self.normal.sum(axis=0) + self.weight * np.eye(len(self.free_parameters))
+        right = self.gradient
+        stay = len(right) - count
+        across, own = normal[:stay, stay:], normal[stay:, stay:]
+        eliminated = np.linalg.solve(normal[:stay, :stay], np.column_stack([across, right[:stay]]))
+        own = own - across.T @ eliminated[:, :-1]
+        right = right[stay:] - across.T @ eliminated[:, -1]
+        size = np.diag(own)
+        determinant = np.outer(size, size) - own**2
+        squares = np.outer(size, right**2)
+        both = squares + squares.T - 2 * own * np.outer(right, right)
+        alone = right**2 / size
+        with np.errstate(divide="ignore", invalid="ignore"):
+            pairs = np.where(determinant > 1e-9 * np.outer(size, size), both / determinant, alone[:, None])
+        np.fill_diagonal(pairs, alone)
+        return np.asarray(pairs)
+
     def spread(self) -> Array:
         """(k,) standard deviations of the free parameters after the fit, in units of those before it."""
         normal = self.normal.sum(axis=0)

@@ -389,6 +389,13 @@ def _judged_with_further(
     while found_last := search.further(found_last, least, validation.proven, unseen):
         validation.compare(found_last)
         hypotheses = [*hypotheses, *found_last]
+        # Members that the first effect has chosen may be others once there are several: the next one joins the best.
+        best = max(found_last, key=validation.proven)
+        if search.leaves_something(best.fit):
+            exchanged = search.exchanged(best, hypotheses, THRESHOLDS.rival_share)
+            validation.compare(exchanged)
+            hypotheses = [*hypotheses, *exchanged]
+            found_last = [*found_last, *(e for e in exchanged if len(e.candidates) == len(best.candidates))]
     described: list[Hypothesis] = []
     judged = judge(hypotheses, described, validation, search.with_profile, threshold)
     if search.leaves_something(judged.leader.fit if judged.leader is not None else search.base):

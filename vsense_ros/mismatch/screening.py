@@ -9,7 +9,8 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from functools import cached_property
-from itertools import combinations
+
+import numpy as np
 
 from vsense_ros.identification.least_squares import Fit
 from vsense_ros.mismatch.candidates import Candidate
@@ -88,21 +89,31 @@ class Screening:
         names = {candidate.effect for candidate in present}
         return [c for c in self.offered if c.effect not in names and (self.roads_may_vary or not c.along_road)]
 
-    def hiding_each_other(self, at: Fit, present: tuple[Candidate, ...]) -> list[Signature]:
-        """Pairs of effects that are mistaken for each other and promise more than twice what either does alone. An
-        accelerometer that has an offset and is turned as well may read right on the whole: a search that adds one
-        effect at a time sees neither."""
+    def pairs(self, at: Fit, present: tuple[Candidate, ...]) -> list[Signature]:
+        """The `EFFORT.beam` pairs of effects that promise most beside those present, of all pairs: their gains follow
+        from products that are computed once. Beside no effect these are pairs of which each explains something beyond
+        the other; beside others, and where the two are mistaken for each other, those that promise more than twice what
+        either does alone. An accelerometer that has an offset and is turned as well may read right on the whole: a
+        search that adds one effect at a time sees neither."""
         self.simulate_new()
-        known = (self.base.value - at.value) / self.whole
         single = [c for c in self.besides(present) if len(c.free_parameters) == 1]
-        promised = {c.name: self.signature(at, present, (c,)).gain - known for c in single}
-        found = []
-        for one, other in combinations(single, 2):
-            if are_mistaken(one.effect, other.effect):
-                both = self.signature(at, present, (one, other))
-                if both.gain - known > 2 * max(promised[one.name], promised[other.name], 0.0):
-                    found.append(both)
-        return found
+        if len(single) < 2:
+            return []
+        equations = self.secants.joined_equations(at, [c.free_parameters[0] for c in single])
+        gains = equations.gains_of_pairs(len(single)) / self.whole
+        alone = np.diag(gains)
+        larger = np.maximum.outer(alone, alone)
+        one_effect = np.array([[a.effect == b.effect for b in single] for a in single])
+        hidden = gains > 2 * larger
+        if present:
+            mistaken = np.array([[are_mistaken(a.effect, b.effect) for b in single] for a in single])
+            wanted = hidden & mistaken
+        else:
+            wanted = gains > larger + EFFORT.refined_gain
+        likely = np.argwhere(np.triu(wanted & ~one_effect, 1))
+        order = np.argsort([-gains[i, j] for i, j in likely])
+        found = [self.signature(at, present, (single[i], single[j])) for i, j in likely[order[: EFFORT.pairs_screened]]]
+        return sorted((s for s in found if s.independent_share > 0), key=lambda s: s.score, reverse=True)[: EFFORT.beam]
 
     def _may_vary(self, profile: Candidate, present: Sequence[Candidate]) -> bool:
         """True if a profile may be fitted with the candidates present: it would mend the residuals of any other effect,

@@ -26,6 +26,7 @@ from vsense_ros.mismatch.residuals import Residuals
 from vsense_ros.mismatch.screening import Screening, are_mistaken, first_size
 from vsense_ros.mismatch.search_settings import EFFORT
 from vsense_ros.mismatch.secants import Secants
+from vsense_ros.mismatch.thresholds import THRESHOLDS
 from vsense_ros.model.effects import EVERY
 
 Array = NDArray[np.float64]
@@ -90,7 +91,7 @@ class Search:
 
     def leaves_something(self, fitted: Fit) -> bool:
         """True if a fit leaves a signal further off than a good model does."""
-        return self.residuals.worst(fitted.residuals) > EFFORT.noise_level
+        return self.residuals.worst(fitted.residuals) > THRESHOLDS.noise_level
 
     def better_base(self, hypotheses: Sequence[Hypothesis]) -> Fit | None:
         """The base parameters fitted anew from where they are in one of the hypotheses, if even without its effect they
@@ -136,10 +137,12 @@ class Search:
                 extended[effects] = max(extended.get(effects, one), one, key=promise)
         pairs: list[Promise] = []
         if all(len(e.candidates) == 1 for e in hypotheses):
-            pairs += promised(self.screening.hiding_each_other(self.base, ()))
+            for one in promised(self.screening.pairs(self.base, ())):
+                effects = frozenset(c.effect for c in one[1].candidates)
+                extended[effects] = max(extended.get(effects, one), one, key=promise)
         for hypothesis in ranked[: EFFORT.beam]:
             if len(hypothesis.candidates) + 1 < EFFORT.most_effects:
-                hiding = self.screening.hiding_each_other(hypothesis.fit, hypothesis.candidates)
+                hiding = self.screening.pairs(hypothesis.fit, hypothesis.candidates)
                 pairs += promised(hiding, hypothesis)
         likeliest = sorted(extended.values(), key=promise, reverse=True)
         fitted = self._fitted_likeliest(likeliest)
@@ -203,16 +206,17 @@ class Search:
     def exchanged(self, hypothesis: Hypothesis, known: Sequence[Hypothesis], share: float) -> list[Hypothesis]:
         """Hypotheses in which each of several effects is exchanged for those that it is mistaken for, where that
         promises a `share` of what it explains beside the others; and the others alone, where that was not known. Sets
-        grow from the best, so that a set may never have been fitted that explains as much as one that was."""
+        grow from the best, so that a set may never have been fitted that explains as much as one that was. A profile of
+        the road is exchanged for effects with one size, as a hilly road resembles whatever acts along the car."""
         self.screening.simulate_new()
         fitted = {frozenset(e.effects): e for e in sorted(known, key=lambda e: e.score)}
-        single = [c for c in hypothesis.candidates if len(hypothesis.candidates) > 1 and not c.along_road]
-        others = {candidate: frozenset(hypothesis.effects) - {candidate.effect} for candidate in single}
-        unknown = [candidate for candidate in single if others[candidate] not in fitted]
+        several = hypothesis.candidates if len(hypothesis.candidates) > 1 else ()
+        others = {candidate: frozenset(hypothesis.effects) - {candidate.effect} for candidate in several}
+        unknown = [candidate for candidate in several if others[candidate] not in fitted]
         alone = self.fitting.without_each(hypothesis, unknown)
         fitted |= {frozenset(e.effects): e for e in alone}
         alike: list[Signature] = []
-        for candidate in single:
+        for candidate in several:
             rest = fitted[others[candidate]]
             least = rest.gain + share * (hypothesis.gain - rest.gain)
             signatures = (

@@ -15,14 +15,12 @@ class SearchSettings:
     least_profile_gain: float = 0.06
     # [-] of the best score, below which no profile is fitted: it has a parameter for each place
     promising_share: float = 0.5
-    # [deviations] of the worst signal, which is what a good model leaves: no profile of the road and no term without
-    # known physics is looked for below
-    noise_level: float = 1.0
     trace: float = 1e-6  # [deviations] by which a likely size changes something that was recorded, beyond rounding
     secant: float = 1.0  # [likely offsets]: some effects have no slope at zero
     paired: int = 8  # single hypotheses of which all pairs are tried
     beam: int = 3  # hypotheses to which a further effect is added, and further effects that are tried with each
     most_effects: int = 6  # at once
+    pairs_screened: int = 12  # pairs that promise most by the linear model alone, of which the best are fitted
     shaped_gain: float = 0.03  # [-] of an effect from where on its shape can be seen
     # Least gain of hypotheses that are fitted again with secants of their own: where base parameters stand in
     # for an effect, it takes several fits to undo that.

@@ -39,6 +39,7 @@ class Thresholds:
     partial_gain: float
     left_over: float
     signal_off: float
+    noise_level: float
     mended: float
     disagreement: float
     untold_change: float

@@ -274,6 +274,14 @@ class Validation:
         there = self.residuals.worst(self.before) if self.residuals is not None else 0.0
         return max(here, there) if self._worst_of_both is None else min(there, self._worst_of_both)
 
+    def worst_after(self, hypothesis: Hypothesis) -> float:
+        """How far the signal that an explanation leaves furthest off is from a good model, in training or held out, in
+        deviations."""
+        here = self.fitted.worst(self.training(hypothesis.fit)[1])
+        if self.residuals is None:
+            return here
+        return max(here, self.residuals.worst(self.held_out(hypothesis.fit)[1]))
+
     @property
     def fits_together(self) -> bool:
         """True if held-out recordings are far off for the base fit, but not for base parameters fitted to all."""

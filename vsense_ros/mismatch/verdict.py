@@ -187,7 +187,7 @@ class _Judge:
 
     def judged(self) -> Judged:
         leading, term = self.leading(), self.term()
-        leader = leading.leader
+        leader = self.simpler(leading.leader)
         partial = leader is None and (leader := self.part(leading.likeliest)) is not None
         if leader is None or (term is not None and self.displaced(leader, term)):
             return self.nothing_known(replace(leading, leader=leader), term)
@@ -206,6 +206,22 @@ class _Judge:
             besides=tuple(sorted(besides)), partial=partial, in_doubt=in_doubt if len(in_doubt) > 1 else (),
         )  # fmt: skip
         return self.without_doubted(judged, term)
+
+    def simpler(self, leader: Hypothesis | None) -> Hypothesis | None:
+        """The leader; if it needs a size for every place of the road, rather the best explanation with no more effects
+        that needs none and leaves no more than a good model does. Where a profile is free at every place, it stands in
+        for whatever acts along the car."""
+        if leader is None or not any(candidate.along_road for candidate in leader.candidates):
+            return leader
+        enough = (
+            e for e in self.hypotheses
+            if len(e.effects) <= len(leader.effects)
+            and not any(candidate.along_road for candidate in e.candidates)
+            and self.proven[e] > self.thresholds.rival_share * self.proven[leader]
+            and self.validation.worst_after(e) <= self.thresholds.noise_level
+        )  # fmt: skip
+        likely = sorted(enough, key=lambda e: (len(e.effects), -self.proven[e]))
+        return next((e for e in likely if self.holds(e) and self.agreed(e)), leader)
 
     def without_doubted(self, judged: Judged, term: Hypothesis | None) -> Judged:
         """The verdict in which no effect is named that is less likely present than not: the others are named, if they
