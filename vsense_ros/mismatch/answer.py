@@ -50,7 +50,7 @@ def rivals(judged: Judged, known: Sequence[Beforehand]) -> tuple[tuple[str, ...]
     explanations = [
         (*hypothesis.effects, *(id for id in sure if id not in hypothesis.effects)) for hypothesis in judged.rivals
     ]
-    if not explanations and judged.verdict == "no_mismatch" and sure:
+    if not explanations and judged.verdict in ("no_mismatch", "named") and sure:
         explanations = [sure]
     return tuple(dict.fromkeys(explanations))
 

@@ -27,7 +27,7 @@ from vsense_ros.identification.free_parameter import FreeParameter
 from vsense_ros.identification.least_squares import DivergedError, Fit, fit
 from vsense_ros.messages.recording import Recording
 from vsense_ros.mismatch import answer as entries
-from vsense_ros.mismatch.answer_schema import VERSION, Answer, Located, OutOfReach
+from vsense_ros.mismatch.answer_schema import VERSION, Answer, EffectEntry, Located, OutOfReach
 from vsense_ros.mismatch.answer_sentence import conditions, sentence
 from vsense_ros.mismatch.beforehand import Beforehand
 from vsense_ros.mismatch.candidates import BASE, Candidate, base_parameters, candidates, out_of_reach
@@ -290,6 +290,9 @@ class _Explainer:
         residuals, base, leader = search.residuals, search.base, judged.leader
         effects = tuple(entries.effect_entries(judged, residuals.predictor.dataset, validation))
         effects = entries.with_known(effects, self.known, shown, residuals, validation)
+        begins = self._onset(search, judged)
+        if judged.verdict == "unknown" and leader is None and self._known_explains(effects):
+            judged = replace(judged, verdict="named", partial=True)
         answer = self.answer.with_(
             verdict="named" if self.known and judged.verdict == "no_mismatch" else judged.verdict,
             by_pieces=leader is not None and validation.by_pieces(leader.fit),
@@ -300,10 +303,16 @@ class _Explainer:
             fit=entries.errors(residuals, base, shown, validation),
             base=entries.base_parameters(base, leader.fit if leader is not None else None),
             misfit=residuals.level(base.residuals),
-            onset=entries.since(self._onset(search, judged)),
+            onset=entries.since(begins),
             remainder=remainder(residuals, shown, judged, _describing(search, judged, validation), validation),
         )
         self.answer = answer.with_(sentence=sentence(answer))
+
+    def _known_explains(self, effects: Sequence[EffectEntry]) -> bool:
+        """True if defects of sensors that were known before any fit explain enough to be named where something more is
+        left over."""
+        known = {one.effect for one in self.known}
+        return any(e.id in known and e.gain_training > THRESHOLDS.partial_gain for e in effects)
 
     def _onset(self, search: Search, judged: Judged) -> Onset | None:
         """What begins within recordings, where something is left over that nothing explains."""

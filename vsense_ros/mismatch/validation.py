@@ -9,6 +9,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
+from vsense_ros.identification.free_parameter import with_offsets
 from vsense_ros.identification.least_squares import DivergedError, Fit, Settings, cost, fit
 from vsense_ros.mismatch.cross_validation import is_long_enough_for_pieces, passed
 from vsense_ros.mismatch.hypothesis import Hypothesis
@@ -66,6 +67,7 @@ class Validation:
         self.base, self.fitted = base, residuals
         self._comparisons: list[Comparison] = []
         self._roads: list[tuple[Fit, RoadPrediction]] = []
+        self._traces: dict[Hypothesis, bool] = {}  # whether held-out recordings tell of an explanation
         if dataset.windows:
             dataset = dataset.without(Predictor(vehicle, dataset).lost(base.parameter_set), LOST)
         self.remarks = dataset.remarks
@@ -152,6 +154,29 @@ class Validation:
         ]
 
     def gains(self, hypothesis: Hypothesis) -> ValidationGains | None:
+        """What an explanation gains on held-out recordings. None without any, and where its effects would leave no
+        trace in them, which says nothing for or against it."""
+        gains = self._gains(hypothesis)
+        if gains is None or gains.of_most >= self.thresholds.lasting_share * hypothesis.gain:
+            return gains
+        promising = hypothesis.score > self.thresholds.least_gain
+        return None if promising and not self.leaves_a_trace(hypothesis) else gains
+
+    def leaves_a_trace(self, hypothesis: Hypothesis) -> bool:
+        """True if held-out recordings would be others without the effects of an explanation, its base parameters as
+        they are."""
+        if hypothesis not in self._traces:
+            assert self.residuals is not None
+            at = hypothesis.fit
+            sizes = [parameter.name in hypothesis.sizes for parameter in at.free_parameters]
+            start = self.fitted.predictor.start
+            without = with_offsets(start, at.free_parameters, np.where(sizes, 0.0, at.offsets))
+            both = (self.residuals(one, self.before) for one in (at.parameter_set, without))
+            change = self.residuals.deviations([one - other for one, other in zip(*both, strict=True)])
+            self._traces[hypothesis] = max(change.values(), default=0.0) > self.thresholds.untold_change
+        return self._traces[hypothesis]
+
+    def _gains(self, hypothesis: Hypothesis) -> ValidationGains | None:
         """What an explanation gains on held-out recordings. None without any."""
         if self.residuals is None:
             return None
