@@ -2,7 +2,7 @@
 
 The distance of two motions of nearly the same car changes more slowly than the motions. So a row of the known motion is
 one step of ROS2 (Verwer, Spee, Blom & Hundsdorfer 1999), with the Jacobian of the known motion: the method is of second
-order with any matrix. A motion costs about a third of a simulation.
+order with any matrix. A motion costs about half of a simulation.
 """
 
 from __future__ import annotations
