@@ -19,6 +19,7 @@ if TYPE_CHECKING:  # at run time it would load the whole model before the first 
     from vsense_ros.model.vehicle import Vehicle
 
 FAULT = 2  # exit code for input that cannot be used, as for a wrong option
+STOPPED = 130  # exit code of a command that the user stopped, as of a shell
 DIVERGED = 3  # exit code of a run in which the filter diverged
 EXISTING = click.Path(exists=True, path_type=Path)
 NEW_FILE = click.Path(dir_okay=False, path_type=Path)
@@ -60,6 +61,9 @@ class Commands(click.Group):
         except OSError as error:
             place = f"{error.filename}: " if error.filename else ""
             click.echo(f"{self.program}: {printable(f'{place}{error.strerror or error}')}", err=True)
+        except KeyboardInterrupt:
+            click.echo(f"\n{self.program}: stopped; what was finished stays, and no file is half-written", err=True)
+            ctx.exit(STOPPED)
         ctx.exit(FAULT)
 
 

@@ -124,6 +124,8 @@ def check(context: click.Context, vehicle: str, recordings: tuple[Path, ...], as
     else:
         for sentence in found.sentences():
             say(printable(f"Look at {sentence}{'' if sentence.endswith('?') else '.'}"))
+        if found.not_compared:
+            say(printable(f"The file was not compared with the sensors of the recordings. {found.not_compared}."))
         if found.is_good:
             say(f"Nothing looks wrong with {found.name}.")
     context.exit(0 if found.is_good else DOUBTFUL)

@@ -7,6 +7,8 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import TextIO
 
+from vsense_ros.errors import InputError
+
 
 @contextmanager
 def atomic_write(path: str | Path) -> Iterator[TextIO]:
@@ -20,8 +22,10 @@ def atomic_write(path: str | Path) -> Iterator[TextIO]:
 @contextmanager
 def in_place_of(path: str | Path) -> Iterator[Path]:
     """Path at which to write a file that shall take the place of another at once: that of a new one beside `path`, or
-    of what is no file."""
+    of what is no file. Raises `InputError` where the folder does not exist."""
     target = Path(path).resolve()
+    if not target.parent.is_dir():
+        raise InputError(f"{path}: there is no folder {Path(path).parent}; create it first, or choose another place")
     if target.exists() and not target.is_file():
         yield target
         return

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from vsense_ros.errors import InputError
 from vsense_ros.messages.recording import Recording
 from vsense_ros.model.vehicle import Vehicle
 from vsense_ros.prepare.calibrate_course import course
@@ -15,7 +16,7 @@ from vsense_ros.prepare.calibrate_noise import noise_levels
 from vsense_ros.prepare.calibrate_radii import radii
 from vsense_ros.prepare.calibrate_steering import steering
 from vsense_ros.prepare.calibrated import Calibrated, apply
-from vsense_ros.prepare.calibration_drive import CalibrationDrive, drive_of
+from vsense_ros.prepare.calibration_drive import CALIBRATION, CalibrationDrive, drive_of
 
 Estimator = Callable[[Sequence[CalibrationDrive], Vehicle], Iterable[Calibrated]]
 
@@ -46,16 +47,30 @@ class Calibration:
 def calibrate(recordings: Sequence[Recording], vehicle: Vehicle) -> Calibration:
     """Calibrate a vehicle by ordinary drives. References in the recordings are not looked at.
 
-    Raises `InputError` for recordings without a GNSS velocity or a yaw rate, or such as are too short.
+    Raises `InputError` for recordings without a GNSS velocity or a yaw rate, that are too short, or in which the car
+    hardly drives.
     """
     car, found = vehicle, []
-    missing = _missing([drive_of(recording, car) for recording in recordings])
+    drives = [drive_of(recording, car) for recording in recordings]
+    _check_that_it_drives(drives)
+    missing = _missing(drives)
     source = "calibrated by " + ", ".join(recording.name for recording in recordings)
     for estimator in ESTIMATORS:
         made = list(estimator([drive_of(recording, car) for recording in recordings], car))
         car = apply(car, made, source)
         found += made
     return Calibration(vehicle, car, tuple(found), missing)
+
+
+def _check_that_it_drives(drives: Sequence[CalibrationDrive]) -> None:
+    """Raises `InputError` where the car stands, or nearly so, in all drives together."""
+    seconds = sum(float(drive.driving.sum()) for drive in drives) * CALIBRATION.step
+    if seconds < CALIBRATION.block:
+        names = ", ".join(drive.name for drive in drives)
+        raise InputError(
+            f"{names}: the car drives faster than {CALIBRATION.least_speed:g} m/s for {seconds:.0f} s only; expected at "
+            f"least {CALIBRATION.block:.0f} s of ordinary driving"
+        )
 
 
 def _missing(drives: Sequence[CalibrationDrive]) -> tuple[str, ...]:

@@ -45,6 +45,15 @@ _ABSOLUTE = {
 
 
 @dataclass(frozen=True)
+class Fit:
+    """Where a vehicle file and recordings do not fit; and why they could not be compared, a sentence, if they could
+    not."""
+
+    findings: Sequence[FitFinding]
+    not_compared: str = ""
+
+
+@dataclass(frozen=True)
 class FitFinding:
     """One thing in which a vehicle file and a recording do not fit: the keys of the file, and a sentence."""
 
@@ -53,7 +62,7 @@ class FitFinding:
     keys: tuple[str, ...] = ()
 
 
-def check_fit(vehicle: Vehicle, recordings: Sequence[Recording]) -> list[FitFinding]:
+def check_fit(vehicle: Vehicle, recordings: Sequence[Recording]) -> Fit:
     """Where a vehicle file and recordings of the car do not fit. What cannot be compared is no finding."""
     found = []
     topics, radius = topics_of(vehicle.sensors.values()), float(np.mean(rolling_radii(vehicle)))
@@ -61,10 +70,10 @@ def check_fit(vehicle: Vehicle, recordings: Sequence[Recording]) -> list[FitFind
         found += [FitFinding(recording.name, one) for one in sentences(findings(recording, topics, radius))]
     try:
         quantities = calibrate(recordings, vehicle).quantities
-    except InputError:
-        return found
+    except InputError as error:
+        return Fit(found, str(error))
     names = ", ".join(recording.name for recording in recordings)
-    return [*found, *(_finding(names, one) for one in quantities if _is_off(one))]
+    return Fit([*found, *(_finding(names, one) for one in quantities if _is_off(one))])
 
 
 def _is_off(quantity: Calibrated) -> bool:

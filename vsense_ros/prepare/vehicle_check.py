@@ -12,7 +12,7 @@ from vsense_ros.files.vehicle import load_content, load_vehicle
 from vsense_ros.messages.recording import Recording
 from vsense_ros.model.vehicle import Vehicle
 from vsense_ros.prepare.car_check import CarFinding, check_car, check_document, in_words
-from vsense_ros.prepare.recording_check import FitFinding, check_fit
+from vsense_ros.prepare.recording_check import Fit, FitFinding, check_fit
 
 
 @dataclass(frozen=True)
@@ -24,6 +24,7 @@ class VehicleCheck:
     findings: Sequence[CarFinding]
     refused: str = ""
     fit: Sequence[FitFinding] = ()
+    not_compared: str = ""  # why the recordings could not be compared with the file
 
     @property
     def is_good(self) -> bool:
@@ -42,6 +43,7 @@ class VehicleCheck:
             "refused": self.refused or None,
             "findings": [_as_dict(finding) for finding in self.findings],
             "fit": [asdict(finding) for finding in self.fit],
+            "not_compared": self.not_compared or None,
         }
 
 
@@ -57,8 +59,8 @@ def check_vehicle(path: str | Path, recordings: Sequence[Recording] = ()) -> Veh
 
 def check_loaded(vehicle: Vehicle, recordings: Sequence[Recording] = ()) -> VehicleCheck:
     """Check a vehicle that is one by its schema, and whether it fits recordings."""
-    fit = check_fit(vehicle, recordings) if recordings else ()
-    return VehicleCheck(vehicle.name, vehicle, check_car(vehicle), fit=fit)
+    fit = check_fit(vehicle, recordings) if recordings else Fit(())
+    return VehicleCheck(vehicle.name, vehicle, check_car(vehicle), fit=fit.findings, not_compared=fit.not_compared)
 
 
 def _as_dict(finding: CarFinding) -> dict[str, Any]:

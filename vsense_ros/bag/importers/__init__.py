@@ -78,6 +78,8 @@ def find_importer(path: str | Path, options: Collection[str] = ()) -> Importer:
             return importer
     if matching:
         return matching[0]
+    if path.is_dir() and not any(path.iterdir()):
+        raise InputError(f"{path}: the folder is empty; expected a recording")
     names = "; ".join(f"{importer.name}: {importer.description}" for importer in known)
     lacking = "".join(f"; {sentence}" for sentence in sorted(_modules()[1]))
     raise InputError(f"{path}: no importer knows this. Known: {names}{lacking}")
