@@ -411,12 +411,16 @@ def can_survey(databases: Path, out: Path) -> None:
 @main.command("own-car")
 @click.option("--out", type=NEW_FILE, default=Path("out/own_car.json"), show_default=True, help="File.")
 @click.option("--car", "only", multiple=True, metavar="NAME", help="One of the cars; repeatable; default: all.")
+@click.option(
+    "--plant", type=click.Choice(["newton_euler", "mujoco_tree"]),
+    help="Plant of all simulated cars; default: two by MuJoCo, three by the other, which takes twenty minutes once.",
+)  # fmt: skip
 @click.option("--keep", type=click.Path(file_okay=False, path_type=Path), help="Folder in which all files stay.")
 @click.option(
     "--databases", type=click.Path(path_type=Path), default=Path("opendbc/opendbc/dbc"), show_default=True,
     help="The folder opendbc/dbc of a clone of opendbc; without it there are no figures of `vsense can`.",
 )  # fmt: skip
-def own_car(out: Path, only: tuple[str, ...], keep: Path | None, databases: Path) -> None:
+def own_car(out: Path, only: tuple[str, ...], plant: str | None, keep: Path | None, databases: Path) -> None:
     """A newcomer's way with cars that are not ours: catalogue values, import of foreign logs, check, calibration,
     identification, estimate on a held-out drive.
 
@@ -434,7 +438,7 @@ def own_car(out: Path, only: tuple[str, ...], keep: Path | None, databases: Path
         parts["can"] = checks.buses(databases)
     outcomes = {}
     table = plain_table("car", "", "side slip [°]", "within 2σ", "yaw rate [°/s]", "Fz [%]", "minutes")
-    for car in job.cars(only):
+    for car in job.cars(only, plant):
         outcomes[car.name] = one = job.newcomer(car, keep)
         rows = (("catalogue", one.before), ("calibrated", one.by_calibration), ("identified", one.after))
         for words, row in rows:

@@ -15,7 +15,7 @@ import subprocess
 import sys
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import partial
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -105,9 +105,12 @@ class Outcome:
     after: Figures
 
 
-def cars(only: Sequence[str] = ()) -> Iterator[Car]:
-    """The cars of the study, each made when it is asked for; `only` some of them, by name."""
-    makers: dict[str, Callable[[], Car]] = {one.name: partial(plant, one) for one in PLANTS}
+def cars(only: Sequence[str] = (), kind: str | None = None) -> Iterator[Car]:
+    """The cars of the study, each made when it is asked for; `only` some of them, by name. With `kind`, all simulated
+    cars are of this kind of plant."""
+    plants = [one if kind is None else replace(one, kind=kind) for one in PLANTS]
+    wanted = [one for one in plants if not only or one.name in only]
+    makers: dict[str, Callable[[], Car]] = {one.name: partial(plant, one, wanted) for one in plants}
     makers |= {"Genesis": genesis, "RAV4": rav4}
     for unknown in set(only) - set(makers):
         raise InputError(f"--car: {unknown!r} is no car of this study; it has {', '.join(makers)}")
@@ -154,9 +157,10 @@ def _reference_of(recording: Recording) -> Truth:
     )  # fmt: skip
 
 
-def plant(one: Plant) -> Car:
-    """A simulated car with the recordings of its sensors, and errors in its catalogue values."""
-    hidden, lanes = simulated(one.kind)[one.name]
+def plant(one: Plant, group: Sequence[Plant] = ()) -> Car:
+    """A simulated car with the recordings of its sensors, and errors in its catalogue values; `group` are cars that are
+    simulated with it."""
+    hidden, lanes = simulated(one, group)
     car, rng, sensors = hidden.car, hidden.rng, blind("sensors")
     grade = sorted(sensors.GRADES)[0]
     bench = sensors.Bench(grade, sensors.Mounting.drawn(rng), sensors.Biases.drawn(sensors.GRADES[grade], rng), {})

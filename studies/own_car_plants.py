@@ -10,7 +10,6 @@ import pickle
 import sys
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from functools import cache
 from hashlib import sha256
 from importlib import import_module
 from pathlib import Path
@@ -84,21 +83,26 @@ def hidden(one: Plant) -> Hidden:
     return Hidden(car, roads, rng)
 
 
-@cache
-def simulated(kind: str) -> Mapping[str, tuple[Hidden, Sequence[Lane]]]:
-    """What happened on all drives of all cars of a kind of plant, by the car's name: columns by name (rows, columns)
-    at 200 Hz. The cars are simulated side by side, or their motion is read from the cache."""
-    cars = {one.name: hidden(one) for one in PLANTS if one.kind == kind}
-    stored = user_folder() / "own_car" / f"{kind}-{_identity(kind, list(cars.values()))}.npz"
+def simulated(one: Plant, group: Sequence[Plant]) -> tuple[Hidden, Sequence[Lane]]:
+    """What a simulated car hides, and what happened on its drives: columns by name (rows, columns) at 200 Hz.
+
+    The motion is read from the cache. What is not there yet is simulated, side by side with the others of `group` that
+    are of the same kind and not there either.
+    """
+    car = hidden(one)
+    stored = _stored(one, car)
     if not stored.exists():
-        _store(stored, _simulate(kind, list(cars.values())))
+        missing = {other: found for other in {one, *group} if other.kind == one.kind
+                   if not _stored(other, found := hidden(other)).exists()}  # fmt: skip
+        lanes = iter(_simulate(one.kind, list(missing.values())))
+        for other, found in missing.items():
+            _store(_stored(other, found), [next(lanes) for _ in found.courses])
+    columns: list[dict[str, Array]] = [{} for _ in car.courses]
     with np.load(stored) as content:
-        columns: list[dict[str, Array]] = [{} for one in cars.values() for _ in one.courses]
         for key, values in content.items():
             lane, _, name = key.partition(" ")
             columns[int(lane)][name] = values.astype(float)
-    lanes = iter(columns)
-    return {name: (one, [next(lanes) for _ in one.courses]) for name, one in cars.items()}
+    return car, columns
 
 
 def _simulate(kind: str, cars: Sequence[Hidden]) -> list[Lane]:
@@ -120,7 +124,9 @@ def _store(path: Path, lanes: Sequence[Lane]) -> None:
         np.savez_compressed(file, **content)
 
 
-def _identity(kind: str, cars: Sequence[Hidden]) -> str:
-    """Hash of what decides the motion: the code of the blind examination, NumPy, and the cars with their drives."""
-    code = f"{digest_of(TESTS / 'blind')} {np.__version__} {kind} {TYRE}"
-    return sha256(code.encode() + pickle.dumps([(one.car, one.courses) for one in cars])).hexdigest()[:20]
+def _stored(one: Plant, car: Hidden) -> Path:
+    """Place of a car's motion in the user's cache, by what decides it: the code of the blind examination, NumPy, and
+    the car with its drives."""
+    code = f"{digest_of(TESTS / 'blind')} {np.__version__} {one.kind} {TYRE}"
+    key = sha256(code.encode() + pickle.dumps((car.car, car.courses))).hexdigest()[:20]
+    return user_folder() / "own_car" / f"{one.kind}-{key}.npz"

@@ -29,22 +29,20 @@ def simulations(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> list[str]:
     return begun
 
 
-def test_a_second_run_reads_the_drives_of_each_car_in_their_order(simulations: list[str]) -> None:
-    for _ in range(2):
-        plants.simulated.cache_clear()
-        drives = plants.simulated(KIND)
+def drives_of_all() -> list[list[float]]:
+    group = [one for one in plants.PLANTS if one.kind == KIND]
+    return [[lane["spin"][0, 0] for lane in plants.simulated(one, group)[1]] for one in group]
+
+
+def test_cars_are_simulated_side_by_side_and_read_by_a_second_run(simulations: list[str]) -> None:
+    first = drives_of_all()
+    assert sorted(value for one in first for value in one) == [i / 4 for i in range(9)]
+    assert drives_of_all() == first
     assert simulations == [KIND]
-    read = [[lane["spin"][0, 0] for lane in lanes] for _, lanes in drives.values()]
-    np.testing.assert_allclose(read, np.arange(9).reshape(3, 3) / 4)
 
 
-def test_a_car_that_hides_something_else_is_simulated_again(
-    simulations: list[str], monkeypatch: pytest.MonkeyPatch
-) -> None:
-    plants.simulated.cache_clear()
-    plants.simulated(KIND)
-    monkeypatch.setattr(plants, "PLANTS", tuple(replace(one, seed=one.seed + 1) for one in plants.PLANTS))
-    plants.simulated.cache_clear()
-    plants.simulated(KIND)
-    plants.simulated.cache_clear()
+def test_a_car_that_hides_something_else_is_simulated_again(simulations: list[str]) -> None:
+    one = plants.PLANTS[0]
+    for other in (one, replace(one, name="another name"), replace(one, seed=one.seed + 1)):
+        plants.simulated(other, ())
     assert simulations == [KIND, KIND]

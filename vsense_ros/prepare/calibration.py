@@ -68,8 +68,8 @@ def _check_that_it_drives(drives: Sequence[CalibrationDrive]) -> None:
     if seconds < CALIBRATION.block:
         names = ", ".join(drive.name for drive in drives)
         raise InputError(
-            f"{names}: the car drives faster than {CALIBRATION.least_speed:g} m/s for {seconds:.0f} s only; expected at "
-            f"least {CALIBRATION.block:.0f} s of ordinary driving"
+            f"{names}: the car drives faster than {CALIBRATION.least_speed:g} m/s for {seconds:.0f} s only; expected "
+            f"{CALIBRATION.block:.0f} s of ordinary driving or more"
         )
 
 
