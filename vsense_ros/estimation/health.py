@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections import deque
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 
 from vsense_ros.estimation.source import Source
@@ -38,6 +39,7 @@ class Health:
     same_in_a_row: int = 0  # messages with equal content
     last_content: bytes = b""
     noise: str | None = None  # standard deviations that count, and whose they are
+    noisier: Mapping[int, tuple[float, float]] = field(default_factory=dict)  # components, as of `SensorNoise`
     complete_at: int = 0  # stamp of the newest measurement that had all components [ns]
     component_at: dict[int, int] = field(default_factory=dict)  # of each of others [ns], 0: it never came
     stamps: deque[int] = field(default_factory=lambda: deque(maxlen=_RECENT))

@@ -11,6 +11,7 @@ import numpy as np
 
 from vsense_ros.estimation.health import Health
 from vsense_ros.estimation.reading import Map, Reader
+from vsense_ros.estimation.sensor_noise import SensorNoise
 from vsense_ros.estimation.source import Source
 from vsense_ros.estimation.timeline import Event
 from vsense_ros.messages.recording import Sample
@@ -52,6 +53,8 @@ class Intake(Generic[Sensor]):
         self._readers = [Reader(i, sensor, on_map) for i, sensor in enumerate(self.sensors)]
         self._reach, self._moving, self._merge = int(reach * 1e9), moving, int(merge * 1e9)
         self._together: dict[int, list[Event]] = {}  # that are to be averaged
+        self._held: list[tuple[Event, int]] = []  # readings before the start, with the stamps of their messages
+        self._noise = {i: SensorNoise() for i, sensor in enumerate(self.sensors) if sensor.noisy}
         self._jumps: dict[int, int] = {}  # where sensors went whose clocks left the others'
         self._silence = 0  # before the newest message [ns]
 
@@ -73,8 +76,25 @@ class Intake(Generic[Sensor]):
                 health.lacks(event.value.tolist(), event.stamp)
             if health.noise is None:
                 health.noise = self._readers[index].noise(event.variance)
-            return event if health.period * 1e9 >= self._merge else self._averaged(index, event)
+            kept = event if health.period * 1e9 >= self._merge else self._averaged(index, event)
+            noise = self._noise.get(index)
+            if noise is not None and kept is not None:
+                noise.hear(kept)
+                health.noisier = noise.noisier
+            return kept
         return None
+
+    def hold(self, event: Event, stamp: int) -> list[tuple[Event, int]]:
+        """Hold a reading of a message with a stamp [ns] until the noise of the sensors is known that have begun to
+        send; then what was held, in order of arrival, with the variances that the readings show."""
+        self._held.append((event, stamp))
+        if any(noise.awaited(event.stamp) for noise in self._noise.values()):
+            return []
+        held, self._held = self._held, []
+        for one, _ in held:
+            if one.sensor in self._noise:
+                self._noise[one.sensor].raise_variance(one)
+        return held
 
     def _averaged(self, index: int, event: Event) -> Event | None:
         """The mean of the messages of a sensor that is too fast, once they are as many as come within `merge`."""

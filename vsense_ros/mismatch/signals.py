@@ -16,6 +16,7 @@ from scipy.integrate import cumulative_trapezoid
 from scipy.signal import butter, sosfiltfilt
 
 from vsense_ros.checks.held import period_of_updates
+from vsense_ros.checks.noise import white_noise
 from vsense_ros.mismatch.windows import WINDOWS, Readings, Window
 from vsense_ros.model.sensors import SensorBase, compared_signals, telling
 
@@ -29,9 +30,6 @@ class SignalSettings:
     kept_every: int = 4  # instants of the grid: below the cut-off no more are needed
     cut_off: float = 6.0  # [Hz] above it roads and engines shake a car in ways that no model of handling describes
     least_values: int = 50  # of a signal, of fewer of which its noise is not known
-    rounding: float = 1e-6  # [-] of the range of a signal, below which two of its values are one
-    off_step: float = 0.05  # [steps] by which a difference may be beside a multiple of the step
-    in_steps: float = 0.9  # [-] share of differences that are multiples of the step, where values come in steps
     edge: float = 0.4  # [s] at the end of a window, where the filter has not settled
 
 
@@ -70,33 +68,17 @@ def noise(
 ) -> dict[str, float]:
     """Standard deviation of the white noise that is left in the signals of a window, by name.
 
-    Third differences of white noise have a variance of twenty times its own (1² + 3² + 3² + 1²), those of what a car
-    does are small; what the filter leaves of it is its share of the band. Of values that are held until new ones come,
-    each is counted once. Values in steps have an error of a twelfth of a squared step besides (Widrow 1956),
-    which differences do not show where a signal rests on a step.
+    What the filter leaves of the noise of samples is its share of their band; values that are held until new ones come
+    are one sample.
     """
     found = {}
     for name, at, value in _made(window, readings, sensors, radius):
         held = period_of_updates(value[:, None]) or 1
         at, value = at[::held], value[::held]
         if len(value) > SIGNALS.least_values:
-            white = float(np.median(np.abs(np.diff(value, 3)))) / (0.6745 * np.sqrt(20))
-            error = np.hypot(white, step_of(value) / np.sqrt(12))
-            found[name] = float(error) * min(1.0, 2 * SIGNALS.cut_off * float(np.median(np.diff(at)))) ** 0.5
+            share = min(1.0, 2 * SIGNALS.cut_off * float(np.median(np.diff(at))))
+            found[name] = white_noise(value) * share**0.5
     return found
-
-
-def step_of(values: Array) -> float:
-    """The step in which values (n,) come: the least difference of two of them, where all others are multiples of it;
-    0 where they do not come in steps."""
-    different = np.unique(values)
-    apart = np.diff(different)
-    apart = apart[apart > SIGNALS.rounding * np.ptp(values)]
-    if not len(apart):
-        return 0.0
-    multiples = apart / apart.min()
-    in_steps = np.abs(multiples - np.rint(multiples)) < SIGNALS.off_step
-    return float(apart.min()) if np.mean(in_steps) > SIGNALS.in_steps else 0.0
 
 
 def _made(

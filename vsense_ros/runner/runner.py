@@ -151,27 +151,36 @@ class Runner:
                 self._look_for_frozen(index)
                 continue
             event = self.adapter.timed(event)
-            if not self.started:
+            if self.started:
+                self._use(event, sample.stamp)
+            else:
                 self.intake.believe(index, sample.stamp)
-                self.gather(event)
-                continue
-            timing = self.intake.timing(event, self._timeline.oldest, self.stamp)
-            if timing is Timing.RESTART:
-                self._stop(valid=True)
-                self.intake.restart(index)
-                self.gather(event)
-            elif timing is Timing.USED:
-                if self.stamp < self._started_at + UNSURE and self.adapter.contradicts_start(event):
-                    continue
-                self.intake.believe(index, sample.stamp)
-                if event.stamp > max(self.stamp, sample.stamp):
-                    self._keep_early(event)
-                    continue
-                if self._early:
-                    self._use_early(event.stamp)
-                self._use(event)
+                for held, stamp in self.intake.hold(event, sample.stamp):
+                    if self.started:
+                        self._use(held, stamp)
+                    else:
+                        self.gather(held)
 
-    def _use(self, event: Event) -> None:
+    def _use(self, event: Event, stamp: int) -> None:
+        """Let the filter that has started have a reading of a message with a stamp [ns], if that can be true."""
+        index = event.sensor
+        timing = self.intake.timing(event, self._timeline.oldest, self.stamp)
+        if timing is Timing.RESTART:
+            self._stop(valid=True)
+            self.intake.restart(index)
+            self.gather(event)
+        elif timing is Timing.USED:
+            if self.stamp < self._started_at + UNSURE and self.adapter.contradicts_start(event):
+                return
+            self.intake.believe(index, stamp)
+            if event.stamp > max(self.stamp, stamp):
+                self._keep_early(event)
+                return
+            if self._early:
+                self._use_early(event.stamp)
+            self._use_in_time(event)
+
+    def _use_in_time(self, event: Event) -> None:
         """Let the filter have a reading, at the time it was measured."""
         self.adapter.measured(event)
         self.judges.hear(event)
@@ -193,7 +202,7 @@ class Runner:
     def _use_early(self, stamp: int) -> None:
         """Use the readings that waited for a time [ns]."""
         while self._early and self._early[0].stamp <= stamp:
-            self._use(self._early.pop(0))
+            self._use_in_time(self._early.pop(0))
 
     def readings(self, samples: Iterable[Sample]) -> list[Event]:
         """The readings in the messages of a whole recording that can be true, in the order of their measurement."""
@@ -472,6 +481,7 @@ class Runner:
             return line
         absent = self._absent(index) if axes is None else axes.absent
         doubts = [f"without {', '.join(absent)}"] if absent else []
+        doubts += self.intake.sensors[index].noisier_in_words(self.health[index].noisier)
         doubts += [doubt for doubt in (self.adapter.doubt(line.name), *(j.doubt(index) for j in self.judges)) if doubt]
         return Diagnostic(line.name, Level.WARN, ", ".join(["in use", *doubts]), line.values) if doubts else line
 

@@ -71,10 +71,12 @@ class Bias:
 
 @dataclass(frozen=True)
 class Component:
-    """One of the numbers that a sensor gives: a `name` in a list beside the sensor's own, and in whole `words`."""
+    """One of the numbers that a sensor gives: a `name` in a list beside the sensor's own, in whole `words`, and its
+    unit."""
 
     name: str
     words: str
+    unit: str = ""
 
 
 @dataclass(frozen=True)
@@ -254,6 +256,14 @@ class SensorBase(Part):
             parts.append(f"{' '.join(numbers if len(set(numbers)) > 1 else numbers[:1])} {extra['unit']}")
             at += count
         return ", ".join(parts)
+
+    def noisier_in_words(self, noisier: Mapping[int, tuple[float, float]]) -> list[str]:
+        """Components that are noisier than stated, in words, from their estimated and their stated standard
+        deviations."""
+        return [
+            f"noise of {self.components[i].words} {estimated:.2g}, stated {stated:.2g} {self.components[i].unit}"
+            for i, (estimated, stated) in noisier.items()
+        ]
 
     def offsets(self) -> Vector:
         """Known errors of the components, which whoever calls `read` takes off, (m,)."""

@@ -41,8 +41,8 @@ class Imu(SensorBase):
     words: ClassVar[str] = "inertial measurements"
     tells: ClassVar[frozenset[Tells]] = frozenset({"rates and forces"})
     components: ClassVar[tuple[Component, ...]] = (
-        *(Component(name, name) for name in ("roll rate", "pitch rate", "yaw rate")),
-        *(Component(name, f"{name} acceleration") for name in ("longitudinal", "lateral", "vertical")),
+        *(Component(name, name, "rad/s") for name in ("roll rate", "pitch rate", "yaw rate")),
+        *(Component(name, f"{name} acceleration", "m/s²") for name in ("longitudinal", "lateral", "vertical")),
     )
     signals: ClassVar[tuple[ComparedSignal, ...]] = (
         ComparedSignal("longitudinal_acceleration", "m/s²", component(3), 0.05),
