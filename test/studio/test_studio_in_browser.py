@@ -55,14 +55,32 @@ def test_keys_move_the_cursor_and_zoom_and_values_are_shown(address: str) -> Non
         assert page.evaluate("VSense.link('main').window[0]") == 0
 
 
-def test_a_reload_shows_the_same_stage_and_its_result(address: str) -> None:
+def test_a_reload_in_the_middle_of_a_job_shows_the_same_stage_and_then_its_result(address: str) -> None:
     with opened() as page:
         page.goto(address)
         go(page, "check")
-        run(page, "Run check", "nothing looks wrong")
+        page.get_by_role("button", name="Look").click()
+        page.locator(".vs-progress").wait_for()
         page.reload()
-        page.get_by_text("nothing looks wrong").first.wait_for()
+        page.get_by_role("region", name="Observability").wait_for()
         assert page.locator("button[data-stage=check][aria-current=page]").count() == 1
+
+
+def test_a_car_is_identified_and_used_by_clicks(address: str) -> None:
+    with opened() as page:
+        page.goto(address)
+        go(page, "identify")
+        if page.get_by_text("Run Check first").count():
+            go(page, "check")
+            run(page, "Run check", "nothing looks wrong")
+            go(page, "identify")
+        page.get_by_label("Model").click()
+        page.get_by_role("option", name="single_track").click()
+        page.get_by_role("button", name="Identify the car").click()
+        page.get_by_role("region", name="Identified parameters").wait_for()
+        page.get_by_role("button", name="Use this car").click()
+        page.get_by_text("Car: identified_").wait_for()
+        assert not page.errors
 
 
 def test_two_tabs_show_the_same_project(address: str) -> None:

@@ -9,7 +9,9 @@ import time
 from pathlib import Path
 
 import pytest
+from click.testing import CliRunner
 
+import vsense_ros as vs
 from vsense_ros.cli import main
 from vsense_ros.errors import InputError
 from vsense_ros.studio import actions
@@ -49,7 +51,7 @@ def test_files_outside_of_the_opened_folders_are_refused(tmp_path: Path, path: s
 def test_an_upload_lands_in_the_project_whatever_its_name_is(tmp_path: Path) -> None:
     project = Project(tmp_path / "project")
     for name in ("../../evil.csv", "/tmp/evil.csv", "..\\evil.csv"):
-        assert project.keep(name, b"1").parent == project.folder / "uploads"
+        assert project.upload_path(name).parent == project.folder / "uploads"
 
 
 def test_the_key_of_a_job_follows_the_content_of_its_files(tmp_path: Path) -> None:
@@ -132,6 +134,10 @@ def test_a_worker_that_is_killed_from_outside_leaves_an_interrupted_job(tmp_path
 
 def test_every_command_line_that_the_page_shows_is_one_that_the_command_takes(tmp_path: Path) -> None:
     drive, car = Drive(str(BAG)), "genesis"
+    for name in ("log.csv", "car.dbc", "map.yaml"):
+        (tmp_path / name).write_text("", encoding="utf-8")
+    (tmp_path / "log").mkdir()  # as if the log had been imported
+    mapped = Drive(str(tmp_path / "log.csv"), mapping=str(tmp_path / "map.yaml"), database=str(tmp_path / "car.dbc"))
     shown = [
         actions.new_vehicle(str(tmp_path / "car.yaml"), {"mass": 1395.0, "tyre": "205/55R16 91V", "driven": "front"}),
         actions.check_vehicle(car, [drive]),
@@ -142,11 +148,25 @@ def test_every_command_line_that_the_page_shows_is_one_that_the_command_takes(tm
         actions.run(car, drive, "error_ekf", mend=True, smooth=True),
         actions.identify(car, [drive], [drive], "best"),
         actions.explain(car, [drive], [drive], by_lap=True, mend=True, observe=False),
+        actions.identify(car, [mapped], [drive], "single_track"),
     ]
     for action in shown:
-        program, name, *arguments = shlex.split(action.command)
-        assert program == "vsense"
-        command = main.commands[name]
-        with command.make_context(name, list(arguments)):
-            pass  # it was parsed: every option is known and every file is there
-        compile(action.python, name, "exec")
+        for line in action.command.splitlines():
+            program, name, *arguments = shlex.split(line)
+            assert program == "vsense"
+            command = main.commands[name]
+            with command.make_context(name, list(arguments)):
+                pass  # it was parsed: every option is known and every file is there
+        compile(action.python, "action", "exec")
+
+
+def test_an_action_as_python_and_as_a_command_line_does_what_it_says(tmp_path: Path) -> None:
+    values = {"mass": 1395.0, "wheelbase": 2.63, "track": 1.54, "tyre": "205/55R16 91V", "driven": "front"}
+    by_python, by_command = tmp_path / "python.yaml", tmp_path / "command.yaml"
+    exec(actions.new_vehicle(str(by_python), values).python, {})
+    arguments = shlex.split(actions.new_vehicle(str(by_command), values).command)[1:]
+    assert CliRunner().invoke(main, arguments).exit_code == 0
+    python, command = (vs.load_vehicle(path).model_dump(exclude={"source"}) for path in (by_python, by_command))
+    assert python == command
+    checked = CliRunner().invoke(main, shlex.split(actions.check_vehicle(str(by_python)).command)[1:])
+    assert checked.exit_code in (0, 1), checked.output

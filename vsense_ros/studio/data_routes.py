@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 import orjson
-from fastapi import APIRouter, HTTPException, Response
+from fastapi import APIRouter, HTTPException, Request, Response
 from pydantic import BaseModel, Field
 
 from vsense_ros.errors import InputError
@@ -130,7 +130,7 @@ def packed(curves: Sequence[Mapping[str, Array]]) -> bytes:
 
 
 def routes(project: Project) -> APIRouter:
-    """Routes below `/data` that read the curves of a project."""
+    """Routes below `/data` that read the curves of a project, and take uploaded files."""
     router = APIRouter(prefix="/data")
 
     @router.post("/curves")
@@ -156,6 +156,21 @@ def routes(project: Project) -> APIRouter:
             return {name: curves.at(name, request.time) for name in curves.signals if ":" not in name}
 
         return _answer(found)
+
+    @router.put("/uploads/{name}")
+    async def upload(name: str, request: Request) -> dict[str, str]:
+        path = project.upload_path(name)
+        part = path.with_name(f".{path.name}.part")
+        try:
+            with part.open("wb") as file:
+                async for block in request.stream():
+                    file.write(block)
+            part.replace(path)
+        except OSError as error:
+            raise HTTPException(507, f"{path.name} cannot be written ({error.strerror})") from None
+        finally:
+            part.unlink(missing_ok=True)
+        return {"path": str(path)}
 
     return router
 

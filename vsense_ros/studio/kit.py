@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from contextlib import AbstractContextManager
 from html import escape
+from pathlib import Path
 from typing import Any
 
 from nicegui import ui
@@ -39,6 +40,20 @@ def panel(title: str, note: str = "", classes: str = "") -> AbstractContextManag
         if note:
             ui.html(f"<p>{escape(note)}</p>", sanitize=False)
     return box
+
+
+def file_input(label: str, accept: str, uploaded: Callable[[Path], None]) -> None:
+    """A field that takes files by a click or by dropping them; `uploaded` is called with the path of each."""
+    with ui.element("label").classes("vs-drop") as field:
+        ui.html(f"<span>{escape(label)}</span>", sanitize=False)
+        given = ui.element("input").props(f'type=file multiple accept="{accept}"')
+    send = "VSense.upload(document.getElementById('%s'), event.%s)"
+    given.on("change", js_handler=f"(event) => {send % (given.html_id, 'target.files')}")
+    drop = send % (given.html_id, "dataTransfer.files")
+    field.on("drop", js_handler=f"(event) => {{ event.preventDefault(); {drop}; }}")
+    field.on("dragover", js_handler="(event) => event.preventDefault()")
+    given.on("uploaded", lambda event: attempt(lambda: uploaded(Path(event.args["detail"]))), args=["detail"])
+    given.on("refused", lambda event: _complain(event.args["detail"]), args=["detail"])
 
 
 def words(text: str, classes: str = "") -> ui.html:
@@ -136,8 +151,12 @@ def attempt(action: Callable[[], Any]) -> Any:
     try:
         return action()
     except (InputError, OSError) as error:
-        ui.notify(str(error), type="negative", multi_line=True, timeout=10_000, close_button="Close", position="top")
+        _complain(str(error))
         return None
+
+
+def _complain(sentence: str) -> None:
+    ui.notify(sentence, type="negative", multi_line=True, timeout=10_000, close_button="Close", position="top")
 
 
 def follow(

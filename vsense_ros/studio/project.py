@@ -118,11 +118,9 @@ class Project:
         shipped = (path for path in sorted(self.examples[1].iterdir()) if path.is_dir())
         return found | {str(path): f"{path.name} (example)" for path in shipped}
 
-    def keep(self, name: str, content: bytes) -> Path:
-        """Write an uploaded file into the project, by a name that cannot lead elsewhere."""
-        path = self.folder / "uploads" / harmless(Path(name).name)
-        path.write_bytes(content)
-        return path
+    def upload_path(self, name: str) -> Path:
+        """Where an uploaded file is kept in the project, by a name that cannot lead elsewhere."""
+        return self.folder / "uploads" / harmless(Path(name).name)
 
     def result_folder(self, key: str) -> Path:
         """Folder of the result with a key. Raises `InputError` for what is no key."""

@@ -95,9 +95,9 @@ def build(bench: Workbench) -> None:
         chosen = ui.select(cars, value=bench.vehicle or None, label="Vehicle file", with_input=True)
         chosen.props("dense outlined").classes("vs-select")
         chosen.on_value_change(lambda event: _choose(bench, event.value))
-        upload = ui.upload(label="Upload a vehicle file (.yaml)", auto_upload=True, max_files=1)
-        upload.props("accept=.yaml,.yml flat bordered dense").classes("vs-upload")
-        upload.on_upload(lambda event: _uploaded(bench, event))
+        kit.file_input(
+            "Drop a vehicle file (.yaml) here, or choose one", ".yaml,.yml", lambda path: _choose(bench, str(path))
+        )
     if not bench.vehicle:
         kit.words("No car yet. Write one from the numbers of a catalogue, or choose a file.")
         return
@@ -111,15 +111,8 @@ def _choose(bench: Workbench, path: str | None) -> None:
         bench.refresh()
 
 
-async def _uploaded(bench: Workbench, event: Any) -> None:
-    content = await event.file.read()
-    path = bench.project.keep(event.file.name, content)
-    _choose(bench, str(path))
-
-
 def _new_vehicle(bench: Workbench) -> None:
-    from vsense_ros.prepare.catalogue import catalogue_values
-    from vsense_ros.prepare.new_vehicle import new_vehicle, write_new_vehicle
+    import vsense_ros as vs
 
     with ui.dialog() as dialog, ui.card().classes("vs-dialog"):
         ui.html("<h2>New vehicle from catalogue values</h2>", sanitize=False)
@@ -142,11 +135,11 @@ def _new_vehicle(bench: Workbench) -> None:
 
         def write() -> None:
             given = values()
-            new = new_vehicle(catalogue_values(**given))
+            new = vs.new_vehicle(**dict.fromkeys(("mass", "wheelbase", "track", "tyre")) | given)
             path = bench.project.folder / "cars" / f"{harmless(given.get('name', 'My car')).replace(' ', '_')}.yaml"
             if path.exists():
                 raise InputError(f"{path.name} exists in this project; give the car another name")
-            write_new_vehicle(path, new)
+            new.write(path)
             bench.page["new_vehicle"] = actions.new_vehicle(str(path), given)
             dialog.close()
             _choose(bench, str(path))
@@ -165,12 +158,12 @@ def _number(label: str, text: str) -> float:
 
 
 def _show(bench: Workbench) -> None:
+    import vsense_ros as vs
     from vsense_ros.prepare.car_check import features, in_words
-    from vsense_ros.prepare.vehicle_check import check_vehicle
     from vsense_ros.studio.drawing import drawing
 
     path = bench.project.inside(bench.vehicle)
-    found = check_vehicle(path)
+    found = vs.check(path)
     car = found.vehicle
     if car is None:
         with ui.element("div").classes("vs-failure").props("role=alert"):

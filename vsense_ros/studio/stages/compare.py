@@ -2,19 +2,24 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 from nicegui import ui
 
 from vsense_ros.studio import kit
-from vsense_ros.studio.curves import CurveSet
+from vsense_ros.studio.curves import CURVES, DISTANCE, CurveSet
 from vsense_ros.studio.jobs import Job
 from vsense_ros.studio.stages.estimate import REFERENCE, SINGLE
 from vsense_ros.studio.stages.stage import Stage
 from vsense_ros.studio.workbench import Workbench
 
+Part = tuple[float | None, float | None]  # begin and end [s] of a lap; None and None for the whole drive
+
 COLOURS = ("#0b63b6", "#b4540a")
+WHOLE: Part = (None, None)
 _SAME_IN_BOTH = ("trivial",)  # scores that do not depend on the run
 
 
@@ -58,7 +63,7 @@ def build(bench: Workbench) -> None:
         with ui.element("div"), kit.panel("Curves", "A and B over one another, reference dashed"):
             _board(first, second, sets[0], sets[1])
         with ui.element("div"), kit.panel("Paths"):
-            paths = [{"set": f"{job.key}/curves", "x": "east", "y": "north", "label": label, "color": colour}
+            paths = [{"set": f"{job.key}/{CURVES}", "x": "east", "y": "north", "label": label, "color": colour}
                      for job, label, colour in zip((first, second), "AB", COLOURS, strict=True)]  # fmt: skip
             kit.View("Path", {"paths": paths, "height": 300, "label": "Both paths"})
     _scores(first.result, second.result)
@@ -71,31 +76,68 @@ def _choose(bench: Workbench, name: str, key: str) -> None:
 
 def _board(first: Job, second: Job, a: CurveSet, b: CurveSet) -> None:
     far = "distance" in a.signals and "distance" in b.signals
-    axis = ui.toggle({"time": "time", "distance": "distance"}, value="time").props("dense no-caps unelevated size=sm")
-    axis.set_enabled(far)
-    view = kit.View("Board", board(first, second, a, b, "time"))
-    axis.on_value_change(lambda event: view.show(board(first, second, a, b, event.value)))
+    with ui.element("div").classes("vs-row wrap"):
+        axis = ui.toggle({"time": "time", "distance": "distance"}, value="time")
+        axis.props("dense no-caps unelevated size=sm").set_enabled(far)
+        pickers = []
+        for label, curves in zip("AB", (a, b), strict=True):
+            count = max(len(curves.content.get("laps", [])) - 1, 0)
+            laps = {0: "whole drive"} | {i: f"lap {i}" for i in range(1, count + 1)}
+            picker = ui.select(laps, value=0, label=f"Part of {label}").props("dense outlined")
+            picker.set_enabled(count > 1)
+            pickers.append(picker)
+        difference = ui.checkbox("difference B − A").props("dense")
+
+    def spec() -> dict[str, Any]:
+        parts = [_part(curves, int(picker.value)) for curves, picker in zip((a, b), pickers, strict=True)]
+        return board(first, second, a, b, axis.value, parts, difference=difference.value)
+
+    view = kit.View("Board", spec())
+    for control in (axis, *pickers, difference):
+        control.on_value_change(lambda: view.show(spec()))
 
 
-def board(first: Job, second: Job, a: CurveSet, b: CurveSet, axis: str) -> dict[str, Any]:
-    """Plots of the signals that both runs have."""
+def _part(curves: CurveSet, lap: int) -> Part:
+    """Begin and end [s] of a lap; None twice for the whole drive, 0."""
+    if not lap:
+        return None, None
+    begin, end = curves.content["laps"][lap - 1 : lap + 1]
+    return float(begin), float(end)
+
+
+def board(
+    first: Job, second: Job, a: CurveSet, b: CurveSet, axis: str, parts: Sequence[Part] = (WHOLE, WHOLE), *,
+    difference: bool = False,
+) -> dict[str, Any]:  # fmt: skip
+    """Plots of the signals that both runs have: of the whole drives or of one lap each, which then begin at the same
+    place, or the difference of the two."""
     forces = [name for name in a.signals if name.startswith("wheel_force") and ":" not in name and name.endswith("_y")]
+    whole = all(part == WHOLE for part in parts)
     plots = []
     for name in (*SINGLE, *forces):
         if name not in a.signals or name not in b.signals:
             continue
         about = a.signals[name]
         traces: list[dict[str, Any]] = [
-            {"set": f"{job.key}/curves", "name": name, "label": label, "color": colour}
-            for job, label, colour in zip((first, second), "AB", COLOURS, strict=True)
+            {"set": f"{job.key}/{CURVES}", "name": name, "label": label, "color": colour, "begin": begin, "end": end}
+            for job, label, colour, (begin, end) in zip((first, second), "AB", COLOURS, parts, strict=True)
         ]
-        if f"{name}:reference" in a.signals:
-            traces.append({"set": f"{first.key}/curves", "name": f"{name}:reference", "label": "reference",
+        if difference:
+            traces = [{**traces[1], "label": "B − A", "minus": traces[0]}]
+        elif whole and f"{name}:reference" in a.signals:
+            traces.append({"set": f"{first.key}/{CURVES}", "name": f"{name}:reference", "label": "reference",
                            "color": REFERENCE, "dash": True})  # fmt: skip
-        plots.append({"title": about["label"].capitalize(), "unit": about["unit"], "traces": traces, "height": 118})
-    end = max(float(one.value("distance")[-1]) if axis == "distance" else one.duration for one in (a, b))
-    label = "distance [m]" if axis == "distance" else "time [s]"
+        title = about["label"].capitalize() + (", difference" if difference else "")
+        plots.append({"title": title, "unit": about["unit"], "traces": traces, "height": 118})
+    end = max(_length(curves, part, axis) for curves, part in zip((a, b), parts, strict=True))
+    label = "distance [m]" if axis == DISTANCE else "time [s]"
     return {"axis": axis, "xlabel": label, "end": end, "plots": plots, "marks": []}
+
+
+def _length(curves: CurveSet, part: Part, axis: str) -> float:
+    """Length of a part on the axis, [s] or [m]."""
+    limits = np.array([part[0] or 0.0, curves.duration if part[1] is None else part[1]])
+    return float(np.ptp(curves.to_distance(limits) if axis == DISTANCE else limits))
 
 
 def _scores(a: dict[str, Any], b: dict[str, Any]) -> None:

@@ -25,6 +25,13 @@ _AT_FIRST = (
     "speed",
 )
 _MOST_PLOTS = 14
+# Ticks all signals of a topic with the first box, and sends the names of all signals that are ticked.
+_TICKED = """(event) => {
+    const box = event.target, boxes = event.currentTarget.querySelectorAll("input[value]:not([data-all])");
+    if (box.dataset.all !== undefined)
+        for (const one of box.closest("details").querySelectorAll("input")) one.checked = box.checked;
+    emit([...boxes].filter((one) => one.checked).map((one) => one.value));
+}"""
 _LOOK = 0.1  # [s] between two looks whether curves have been written
 
 
@@ -84,9 +91,8 @@ def _opening(bench: Workbench) -> None:
         chosen = ui.select(choice, label="Open a recording of an opened folder", with_input=True)
         chosen.props("dense outlined").classes("vs-select")
         chosen.on_value_change(lambda event: _open(bench, event.value))
-        upload = ui.upload(label="Drop recordings, databases (.dbc) and mappings here", multiple=True, auto_upload=True)
-        upload.props("flat bordered dense").classes("vs-upload")
-        upload.on_upload(lambda event: _uploaded(bench, event))
+        words = "Drop recordings, databases (.dbc) and mappings here, or choose them"
+        kit.file_input(words, "", lambda path: _uploaded(bench, path))
 
 
 def _open(bench: Workbench, path: str | None) -> None:
@@ -97,8 +103,7 @@ def _open(bench: Workbench, path: str | None) -> None:
         bench.refresh()
 
 
-async def _uploaded(bench: Workbench, event: Any) -> None:
-    path = bench.project.keep(event.file.name, await event.file.read())
+def _uploaded(bench: Workbench, path: Path) -> None:
     if path.suffix.lower() in (".dbc", ".yaml", ".yml"):
         ui.notify(f"{path.name} is kept in the project; choose it at the recording that needs it", position="top")
         bench.refresh()
@@ -221,13 +226,21 @@ def _mapping(bench: Workbench, drive: Drive) -> None:
         def confirm(text: str) -> None:
             path = bench.project.folder / "uploads" / f"{harmless(drive.name)}.mapping.yaml"
             path.write_text(text, encoding="utf-8")
-            drive.mapping, drive.database, drive.key = str(path), database.value or "", ""
+            for one in bench.drives:  # logs of one logger have the same columns
+                if one is drive or _lacks_mapping(bench, one, Path(drive.path).suffix):
+                    one.mapping, one.database, one.key = str(path), database.value or "", ""
             bench.project.save()
             bench.refresh()
 
         ui.button("Propose a mapping", on_click=lambda: kit.attempt(ask)).props("flat no-caps dense")
         if (job := bench.newest("propose")) is not None and job.task["options"]["path"] == drive.path:
             kit.follow(bench, job, "Looking at the columns", proposed, lambda: kit.attempt(ask))
+
+
+def _lacks_mapping(bench: Workbench, drive: Drive, ending: str) -> bool:
+    """True for a recording with a name of this ending that could not be read without a mapping."""
+    failed = bool(drive.key) and bench.job(drive.key).status is Status.FAILED
+    return failed and not drive.mapping and Path(drive.path).suffix == ending
 
 
 def _show(bench: Workbench, drive: Drive, job: Job) -> None:
@@ -279,22 +292,26 @@ def board(key: str, signals: dict[str, Any], shown: list[str], end: float) -> di
 
 
 def _tree(bench: Workbench, signals: dict[str, Any]) -> None:
+    """All signals by topic, to be ticked; a topic is open if one of its signals is shown."""
     topics: dict[str, list[str]] = {}
     for name, about in signals.items():
         topics.setdefault(about["topic"], []).append(name)
-    nodes = [
-        {
-            "id": topic,
-            "label": topic,
-            "children": [
-                {"id": name, "label": f"{signals[name]['label']} [{signals[name]['unit']}]"} for name in names
-            ],
-        }
-        for topic, names in topics.items()
-    ]
-    shown = bench.page.setdefault("signals", _at_start(signals))
-    tree = ui.tree(nodes, tick_strategy="leaf", on_tick=lambda event: _ticked(bench, signals, event.value))
-    tree.tick(shown).props("dense").classes("vs-tree")
+    shown = set(bench.page.setdefault("signals", _at_start(signals)))
+    parts = []
+    for topic, names in topics.items():
+        boxes = "".join(_box(name, signals[name], name in shown) for name in names)
+        every = '<label><input type="checkbox" data-all> all of them</label>' if len(names) > 1 else ""
+        opened = "open" if shown & set(names) else ""
+        parts.append(f"<details {opened}><summary>{escape(topic)}</summary>{every}{boxes}</details>")
+    tree = ui.html("".join(parts), sanitize=False).classes("vs-tree")
+    tree.on("change", lambda event: _ticked(bench, signals, event.args), js_handler=_TICKED)
+
+
+def _box(name: str, about: dict[str, Any], shown: bool) -> str:
+    unit = f" [{escape(about['unit'])}]" if about["unit"] else ""
+    checked = "checked" if shown else ""
+    value = f'value="{escape(name)}" {checked}'
+    return f'<label><input type="checkbox" {value}> {escape(about["label"])}{unit}</label>'
 
 
 def _ticked(bench: Workbench, signals: dict[str, Any], names: list[str]) -> None:

@@ -31,12 +31,11 @@
       this.link = V.link(spec.group || "main");
       this.link.add(this);
       this.full = [0, spec.end || 1];
-      const follows = this.link.window && this.axis === spec.axis ? this.link.window : null;
-      if (this.axis !== undefined && this.axis !== spec.axis) { this.link.window = null; this.link.cursor = null; }
       this.axis = spec.axis;
-      this.window = follows || this.full.slice();
+      if (this.link.axis !== spec.axis) Object.assign(this.link, { axis: spec.axis, window: null, cursor: null });
+      const kept = this.link.window; // of a board before this one: its part of the drive is shown again
+      this.window = kept && kept[1] <= this.full[1] && !this.link.whole ? kept.slice() : this.full.slice();
       this.build();
-      this.load();
     }
     dispose() { this.link.remove(this); this.resized.disconnect(); }
 
@@ -87,10 +86,10 @@
     place(pixel) { return this.window[0] + ((pixel - LEFT) / Math.max(1, this.width - LEFT - RIGHT)) * (this.window[1] - this.window[0]); }
 
     /** Ask for the curves of the window: at once, or, while an answer is awaited, after it. */
-    ask() { if (this.asking) this.again = true; else this.load(); }
+    ask() { if (this.asking && this.asked === this.spec) this.again = true; else this.load(); }
     async load() {
       if (!this.width) return;
-      const began = performance.now(), serial = (this.serial = (this.serial || 0) + 1);
+      const width = this.width, began = performance.now(), serial = (this.serial = (this.serial || 0) + 1);
       const traces = [], cut = (t) => ({ set: t.set, begin: t.begin, end: t.end });
       for (const { plot } of this.plots) for (const t of plot.traces) {
         traces.push({ ...cut(t), name: t.name, minus: t.minus ? { ...cut(t.minus), name: t.minus.name } : undefined });
@@ -98,10 +97,10 @@
       }
       const bins = Math.max(100, Math.min(1000, Math.round((this.width - LEFT - RIGHT) * 0.6)));
       let found;
-      this.asking = true;
+      this.asking = true; this.asked = this.spec;
       try {
         found = await V.source.curves({ axis: this.axis || "time", begin: this.window[0], end: this.window[1], bins, traces });
-      } catch (error) { if (serial === this.serial) this.fail(error.message); return; } finally { this.asking = false; }
+      } catch (error) { if (serial === this.serial) this.fail(error.message); return; } finally { if (serial === this.serial) this.asking = false; }
       if (serial !== this.serial) return;
       let k = 0;
       for (const made of this.plots) {
@@ -115,7 +114,7 @@
       this.draw();
       this.element.dataset.ms = (performance.now() - began).toFixed(1);
       this.element.dataset.ready = String(serial);
-      if (this.again) { this.again = false; this.load(); }
+      if (this.again || this.width !== width) { this.again = false; this.load(); }
     }
     fail(sentence) {
       this.element.replaceChildren();
@@ -130,7 +129,7 @@
       const [low, high] = made.range || [-1, 1];
       const y = (v) => TOP + (1 - (v - low) / (high - low)) * (height - TOP - 4);
       g.lineWidth = 1; g.strokeStyle = C.grid; g.fillStyle = C.muted; g.textBaseline = "middle"; g.textAlign = "right";
-      for (const v of V.ticks(low, high, Math.max(2, height / 36))) {
+      for (const v of V.ticks(low, high, Math.max(3, height / 28))) {
         const at = Math.round(y(v)) + 0.5;
         g.beginPath(); g.moveTo(LEFT, at); g.lineTo(width - RIGHT, at); g.stroke();
         g.fillText(String(v).replace("-", "−"), LEFT - 6, at);
@@ -165,10 +164,12 @@
       g.strokeStyle = colour; g.lineWidth = width; g.setLineDash(dash ? [5, 4] : []); g.lineJoin = "bevel";
       const { x, low, high } = curve, [first, last] = this.window, scale = (this.width - LEFT - RIGHT) / (last - first);
       g.beginPath();
-      let pen = false;
+      let pen = false, before = 0;
       for (let i = 0; i < x.length; i++) {
-        const a = low[i], b = high[i];
+        let a = low[i], b = high[i];
         if (a !== a || b !== b) { pen = false; continue; }
+        if (pen && before - a > b - before) [a, b] = [b, a]; // a falling line goes through the larger value first
+        before = b;
         const at = LEFT + (x[i] - first) * scale;
         if (pen) g.lineTo(at, y(a)); else g.moveTo(at, y(a));
         if (b !== a) g.lineTo(at, y(b));
@@ -285,6 +286,7 @@
     zoom(begin, end) {
       const width = Math.max(end - begin, (this.full[1] - this.full[0]) * 1e-6);
       begin = Math.max(this.full[0], Math.min(begin, this.full[1] - width));
+      this.link.whole = width >= this.full[1] - this.full[0];
       this.link.zoom(begin, Math.min(this.full[1], begin + width));
     }
     zoomAbout(x, factor) { this.zoom(x - (x - this.window[0]) * factor, x + (this.window[1] - x) * factor); }

@@ -72,7 +72,7 @@
         path.x.forEach((x, k) => (k ? g.lineTo(px(x), py(path.y[k])) : g.moveTo(px(x), py(path.y[k]))));
         g.stroke();
       });
-      const metres = V.ticks(0, (this.width / 3) / scale, 1).pop() || 1;
+      const metres = V.ticks(0, (this.width / 3) / scale, 2).pop() || 1;
       g.strokeStyle = C.ink; g.lineWidth = 1.5; g.beginPath();
       g.moveTo(12, this.height - 10); g.lineTo(12 + metres * scale, this.height - 10); g.stroke();
       g.fillStyle = C.muted; this.text(g, `${metres} m`, 12, this.height - 20);
@@ -143,8 +143,8 @@
     draw() {
       const g = this.begin();
       if (!g) return;
-      const C = V.colours, v = this.values, cx = this.width / 2, cy = this.height / 2;
-      const length = this.height * 0.52, width = length * (this.spec.track || 1.55) / (this.spec.wheelbase || 2.7);
+      const C = V.colours, v = this.values, cx = this.width / 2, cy = this.height / 2 - 12;
+      const length = this.height * 0.47, width = length * (this.spec.track || 1.55) / (this.spec.wheelbase || 2.7);
       g.strokeStyle = C.frame; g.lineWidth = 1.5;
       g.beginPath(); g.roundRect(cx - width * 0.5, cy - length * 0.68, width, length * 1.36, 16); g.stroke();
       g.fillStyle = C.muted; g.beginPath(); g.arc(cx, cy, 3, 0, 7); g.fill();

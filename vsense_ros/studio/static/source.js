@@ -111,8 +111,25 @@ window.VSense = window.VSense || {};
     step();
   }
 
+  /** Send the files of an input, one after the other; it then hears `uploaded` with their path, or `refused`. */
+  async function upload(input, files) {
+    const say = (name, detail) => input.dispatchEvent(new CustomEvent(name, { detail }));
+    for (const file of files) {
+      const answer = await fetch(`/data/uploads/${encodeURIComponent(file.name)}`, { method: "PUT", credentials: "same-origin", body: file })
+        .catch(() => null);
+      if (answer && answer.ok) say("uploaded", (await answer.json()).path);
+      else {
+        const words = answer ? await answer.text() : "The workbench does not answer; is the command still running?";
+        let detail = words;
+        try { detail = JSON.parse(words).detail; } catch (error) { /* a sentence as it is */ }
+        say("refused", `${file.name}: ${detail}`);
+      }
+    }
+    input.value = "";
+  }
+
   Object.assign(window.VSense, {
-    play, source: new Server(), colours, nearest, prepare, ticks, shown,
+    upload, play, source: new Server(), colours, nearest, prepare, ticks, shown,
     link: (group) => (links[group] = links[group] || new Link()),
     download(name, blob) {
       const a = document.createElement("a");

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 
 import vsense_ros as vs
+from vsense_ros.api.preparation import write_calibration
 from vsense_ros.assess import observability
 from vsense_ros.checks.correcting import mended
 from vsense_ros.checks.examination import findings
@@ -17,11 +18,8 @@ from vsense_ros.checks.mending import mends
 from vsense_ros.checks.roles import topics_of
 from vsense_ros.checks.sentences import mend_in_words, sentence
 from vsense_ros.errors import InputError
-from vsense_ros.files.vehicle import save_changes
 from vsense_ros.model.simulation.closed_loop import rolling_radii
-from vsense_ros.prepare.calibration import calibrate as calibrated
 from vsense_ros.prepare.calibration_report import as_dict
-from vsense_ros.prepare.vehicle_check import check_vehicle
 from vsense_ros.studio.tasks.data import recording_of, recordings_of, write_curves
 
 
@@ -48,7 +46,7 @@ def check(options: dict[str, Any], folder: Path, progress: Callable[[float], Non
             }
         )
         progress((i + 1) / (len(options["recordings"]) + 1))
-    fit = check_vehicle(Path(options["vehicle"]), recordings)
+    fit = vs.check(options["vehicle"], recordings)
     return {"drives": drives, "vehicle": fit.as_dict(), "sentences": fit.sentences()}
 
 
@@ -67,9 +65,8 @@ def _as_dict(finding: Finding) -> dict[str, Any]:
 
 def calibrate(options: dict[str, Any], folder: Path, progress: Callable[[float], None]) -> dict[str, Any]:
     """Calibrate the sensors: latencies, mountings, radii, steering; writes the vehicle file to `target`."""
-    car = vs.load_vehicle(options["vehicle"])
-    found = calibrated(recordings_of(options["recordings"]), car)
-    save_changes(options["vehicle"], options["target"], found.vehicle, found.paths)
+    found = vs.calibrate(recordings_of(options["recordings"]), options["vehicle"])
+    write_calibration(found, options["target"], options["vehicle"])
     return {**as_dict(found), "target": options["target"]}
 
 
