@@ -15,7 +15,7 @@ HELD_OUT = "drive_5"
 MIDDLE = 30.0  # [s] at which each of the two drives is cut
 
 
-def write_five_logs(folder: Path, name: str = "hatchback") -> Mapping[str, str | float]:
+def write_five_logs(folder: Path, name: str = "saloon") -> Mapping[str, str | float]:
     """Write the logs of a car of `make own-car` in its own format, the last one to be held out, with the database that
     they need; returns its catalogue values."""
     (car,) = cars([name])

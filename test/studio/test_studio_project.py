@@ -161,7 +161,7 @@ def test_every_command_line_that_the_page_shows_is_one_that_the_command_takes(tm
 
 
 def test_an_action_as_python_and_as_a_command_line_does_what_it_says(tmp_path: Path) -> None:
-    values = {"mass": 1395.0, "wheelbase": 2.63, "track": 1.54, "tyre": "205/55R16 91V", "driven": "front"}
+    values = {"name": "Hatch", "mass": 1395.0, "wheelbase": 2.63, "track": 1.54, "tyre": "205/55R16 91V"}
     by_python, by_command = tmp_path / "python.yaml", tmp_path / "command.yaml"
     exec(actions.new_vehicle(str(by_python), values).python, {})
     arguments = shlex.split(actions.new_vehicle(str(by_command), values).command)[1:]

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import asyncio
 import secrets
 import socket
 import webbrowser
@@ -12,7 +13,7 @@ from pathlib import Path
 from threading import Event, Thread
 
 from fastapi import Request
-from nicegui import app, ui
+from nicegui import app, background_tasks, ui
 
 from vsense_ros.errors import InputError
 from vsense_ros.studio import kit
@@ -30,6 +31,7 @@ _MODELS = ("prepare.vehicle_check", "prepare.car_check", "files.schema", "studio
            "navigation.catalogue", "evaluate.wording", "mismatch.answer_schema")  # fmt: skip
 _LOOK_AGAIN = 2.0  # [s] between two looks whether another tab has changed the project
 _WAIT = 0.1  # [s] between two looks whether the models have been imported
+_KNOCK = 0.02  # [s] between two looks whether the server listens
 models_are_there = Event()
 
 
@@ -50,12 +52,17 @@ def serve(project: Project, *, port: int, most_megabytes: int, browser: bool, sa
     def first(request: Request) -> None:
         build(project, jobs, request.query_params.get("stage", ""))
 
-    def ready() -> None:
-        Thread(target=_import_models, daemon=True).start()
+    async def ready() -> None:
         jobs.prepare()
+        background_tasks.create(announce())
+
+    async def announce() -> None:
+        while not await _listens(port):
+            await asyncio.sleep(_KNOCK)
         say(f"The workbench is at {address}")
         if browser:
             webbrowser.open(address)
+        Thread(target=_import_models, daemon=True).start()
 
     app.on_startup(ready)
     app.on_shutdown(jobs.close)
@@ -64,6 +71,16 @@ def serve(project: Project, *, port: int, most_megabytes: int, browser: bool, sa
         favicon="📈", uvicorn_logging_level="error", reconnect_timeout=30.0,
         gzip_middleware_factory=None,  # on one machine it costs more than it saves
     )  # fmt: skip
+
+
+async def _listens(port: int) -> bool:
+    """True once the server answers: an address that is opened earlier shows an error."""
+    try:
+        _, writer = await asyncio.open_connection("127.0.0.1", port)
+    except OSError:
+        return False
+    writer.close()
+    return True
 
 
 def _import_models() -> None:

@@ -126,7 +126,7 @@ def _new_vehicle(bench: Workbench) -> None:
             driven.props("dense outlined")
 
         def values() -> dict[str, Any]:
-            found: dict[str, Any] = {"driven": driven.value}
+            found: dict[str, Any] = {"name": "My car", "driven": driven.value}
             for name, label, _, _ in _CATALOGUE:
                 text = (inputs[name].value or "").strip()
                 if text:
@@ -136,7 +136,7 @@ def _new_vehicle(bench: Workbench) -> None:
         def write() -> None:
             given = values()
             new = vs.new_vehicle(**dict.fromkeys(("mass", "wheelbase", "track", "tyre")) | given)
-            path = bench.project.folder / "cars" / f"{harmless(given.get('name', 'My car')).replace(' ', '_')}.yaml"
+            path = bench.project.folder / "cars" / f"{harmless(given['name']).replace(' ', '_')}.yaml"
             if path.exists():
                 raise InputError(f"{path.name} exists in this project; give the car another name")
             new.write(path)
