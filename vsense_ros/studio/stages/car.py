@@ -135,7 +135,8 @@ def _new_vehicle(bench: Workbench) -> None:
 
         def write() -> None:
             given = values()
-            new = vs.new_vehicle(**dict.fromkeys(("mass", "wheelbase", "track", "tyre")) | given)
+            known: dict[str, Any] = dict.fromkeys(("mass", "wheelbase", "track", "tyre"))
+            new = vs.new_vehicle(**known | given)
             path = bench.project.folder / "cars" / f"{harmless(given['name']).replace(' ', '_')}.yaml"
             if path.exists():
                 raise InputError(f"{path.name} exists in this project; give the car another name")
