@@ -31,6 +31,12 @@ class TopicMessages:
         self.times.append(time)
 
 
+def skipped(topic: str, kind: str, count: int) -> str:
+    """A sentence about messages that do not become numbers, and what would read them."""
+    hint = "; a database and a mapping read them (--dbc, --mapping)" if kind == "can_msgs/msg/Frame" else ""
+    return f"{topic}: {count} messages of type {kind} skipped{hint}"
+
+
 def channels_of(gathered: Iterable[tuple[str, TopicMessages]], notes: list[str]) -> tuple[dict[str, Channel], int]:
     """Decode the messages of each topic. Returns the channels, and the number of messages that are not of their type;
     `notes` is told of these."""

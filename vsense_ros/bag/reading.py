@@ -10,7 +10,7 @@ import numpy as np
 import zstandard
 from numpy.typing import NDArray
 
-from vsense_ros.bag.decoding import LONGEST_RECORDING, TopicMessages, channels_of
+from vsense_ros.bag.decoding import LONGEST_RECORDING, TopicMessages, channels_of, skipped
 from vsense_ros.bag.mcap import McapFile, Payloads, Times, read_file, read_part, unpacked_zstd
 from vsense_ros.bag.metadata import RELIABLE_QOS, TopicDescription, custom_data, information_in, parsed
 from vsense_ros.errors import InputError
@@ -199,8 +199,8 @@ def _read(path: str | Path, kinds: Container[str]) -> WholeBag:
     notes = [
         *bag.notes,
         *bag.damage,
-        *(f"{t}: {n} messages of type {k} skipped" for (t, k), n in bag.contradictions.items()),
-        *(f"{name}: {topic.count} messages of type {topic.kind} skipped" for name, topic in others.items()),
+        *(skipped(topic, kind, count) for (topic, kind), count in bag.contradictions.items()),
+        *(skipped(name, topic.kind, topic.count) for name, topic in others.items()),
     ]
     # One topic after the other is taken out, so that only one is in memory twice.
     channels, bad = channels_of(((name, bag.topics.pop(name).joined()) for name in numeric), notes)

@@ -46,7 +46,7 @@ def _named(database: str | Path) -> tuple[str | None, Path]:
     bus, separator, path = str(database).partition("=")
     if not separator or Path(database).exists():
         return None, Path(database)
-    return bus, Path(path)
+    return bus.lstrip("/"), Path(path)  # which may be a topic of frames
 
 
 def _shared_out(mapping: CanMapping, databases: Sequence[CanDatabase], paths: Sequence[Path]) -> list[CanMapping]:

@@ -48,8 +48,12 @@ def read(
 
     Times are those of the log: Unix times where it tells a date, else from its start.
     """
-    decoders = _decoders(path, dbc, mapping, channel)
-    frames = read_frames(path)
+    decoders = decoders_of(path, dbc, mapping, channel)
+    return decoded(path, read_frames(path), decoders)
+
+
+def decoded(path: Path, frames: CanFrames, decoders: Sequence[CanDecoder]) -> Recording:
+    """The topics that decoders make of the frames of a file. Raises `InputError` if none of their messages is there."""
     notes = [*(note for decoder in decoders for note in decoder.notes), *frames.losses]
     if frames.counts_from_zero:
         notes.append(f"{path.name}: the log has no date; its times count from its start")
@@ -67,7 +71,7 @@ def read(
     return Recording(channels, path.stem, tuple(dict.fromkeys(notes)), 0, {"source": NAME}, damage)
 
 
-def _decoders(
+def decoders_of(
     path: Path,
     dbc: str | Path | Sequence[str | Path] | None,
     mapping: str | Path | Sequence[str | Path] | None,

@@ -11,6 +11,7 @@ from typing import Any
 
 import zstandard
 
+from vsense_ros.bag import decoding
 from vsense_ros.bag.decoding import TopicMessages, channels_of
 from vsense_ros.bag.importers.topic_mapping import mapped
 from vsense_ros.bag.reading import read_bag
@@ -52,11 +53,12 @@ def matches(path: Path) -> bool:
 def read(path: Path, *, mapping: str | Path | Mapping[str, Any] | None = None) -> Recording:
     """All messages of types that become numbers (`messages.foreign.READABLE`), topics without their leading slash;
     `mapping` says which topics are those of this project (see `topic_mapping`)."""
-    return mapped(_whole(path), mapping)
+    return mapped(whole(path), mapping)
 
 
-def _whole(path: Path) -> Recording:
-    """All topics under their own names."""
+def whole(path: Path, raw: dict[str, TopicMessages] | None = None, kind: str = "") -> Recording:
+    """All topics under their own names. Messages of a `kind` that does not become numbers are put into `raw`, as
+    bytes."""
     parts = [path] if path.is_file() else _parts(path)
     notes: list[str] = []
     damage: list[str] = []
@@ -69,14 +71,16 @@ def _whole(path: Path) -> Recording:
             if part.name.endswith(".mcap.zstd"):
                 others.append(_compressed_mcap(part))
             else:
-                _take(part, per_message, merged, skipped, damage)
+                _take(part, per_message, merged, skipped, damage, kind)
         except InputError as error:
             if len(parts) == 1:
                 raise
             damage.append(f"left out: {error}")
-    if not merged and not others and not skipped:
+    for topic in [topic for topic, messages in merged.items() if messages.kind == kind]:
+        (raw if raw is not None else {})[topic] = merged.pop(topic)
+    if not merged and not others and not skipped and not raw:
         raise InputError(f"{path}: the bag holds no intact message" + (f" ({'; '.join(damage)})" if damage else ""))
-    notes += [f"{topic}: {count} messages of type {kind} skipped" for (topic, kind), count in skipped.items()]
+    notes += [decoding.skipped(topic, kind, count) for (topic, kind), count in skipped.items()]
     channels, bad = channels_of(merged.items(), notes)
     if others:
         return _joined(others, path, notes, damage)
@@ -150,8 +154,9 @@ def _take(
     merged: dict[str, TopicMessages],
     skipped: dict[tuple[str, str], int],
     damage: list[str],
+    further: str = "",
 ) -> None:
-    """Gather the messages of one file of SQLite."""
+    """Gather the messages of one file of SQLite that become numbers, and those of a `further` type."""
     with part.open("rb") as file:
         head = file.read(16)
     if not head:
@@ -177,7 +182,7 @@ def _take(
         }
         for number, time, data in _rows(part, connection, damage):
             topic, kind, form = topics.get(number, (f"(topic {number})", "(unknown type)", ""))
-            if kind not in READABLE or form != "cdr":
+            if (kind not in READABLE and kind != further) or form != "cdr":
                 skipped[topic, kind] = skipped.get((topic, kind), 0) + 1
                 continue
             if per_message or data.startswith(_ZSTD):
