@@ -53,7 +53,7 @@ def recording_from(
     channels = {}
     for topic, fields in mapping.topics.items():
         if fields:
-            channels[topic] = made.channel(topic, fields)
+            channels[topic] = made.channel(topic, mapping.fields(topic))
             give_back()
     return Recording(channels, name, tuple(dict.fromkeys(notes)), 0, {"source": source})
 

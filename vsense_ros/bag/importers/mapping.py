@@ -27,6 +27,11 @@ Other forms of fields: `gps/fix` from local `east`, `north`, `up` with an `origi
 `vehicle/velocity` from `forward` and `left`, or a `speed` alone; `reference/odometry` from `speed` and `side_slip`,
 with `heading` instead of `yaw`.
 
+Where three values of a field (`[…, …, …]`) have other axes than forward, left, up and east, north, up, or a steering
+angle is positive to the right, `convention: sae_j670` says so for the whole file, and
+`conventions: {gps/velocity: ned}` for one topic: iso_8855 (the default), sae_j670, ned or enu. Fields whose names say a
+direction (`forward`, `left`, `course`) mean the same in all of them.
+
 Units of time beside s, ms, us, ns, min, h, d: `iso` (2024-05-01T12:00:00.1Z, or as `format` says:
 `format: "%d-%b-%Y %H:%M:%S.%f"`), `hms` (12:00:00.1), `hhmmss` (120000.1) and `gps` (seconds of the GPS week; `week` is
 its number or a column). Those without a date count from the midnight of `start`; days of a spreadsheet are `d` with
@@ -39,12 +44,13 @@ import re
 from collections.abc import Callable, Mapping
 from datetime import UTC, datetime
 from pathlib import Path
-from typing import Annotated, Any, Literal, NamedTuple
+from typing import Annotated, Any, Literal, NamedTuple, overload
 
 import numpy as np
 from pydantic import BaseModel, BeforeValidator, ConfigDict, Discriminator, Field, Tag, ValidationError
 
 from vsense_ros.bag.importers.build import Array
+from vsense_ros.bag.importers.convention import CONVENTIONS, IN_AXES, Axes, Convention, ConventionName
 from vsense_ros.errors import InputError
 from vsense_ros.messages import units, yaml_text
 from vsense_ros.messages.topics import TOPICS, WHEELS
@@ -224,12 +230,42 @@ class ColumnMapping(_Model):
     comment: str | None = Field(default=None, description="beginning of lines that are left out")
     rows: Rows | None = Field(default=None, description="columns of a table that has one value a row")
     origin: Origin | None = Field(default=None, description="where local positions are counted from")
+    convention: ConventionName = Field(default="iso_8855", description="axes and signs of vectors and of the steering")
+    conventions: dict[str, ConventionName] = Field(
+        default_factory=dict, description="the same for one topic, where it has others than the file"
+    )
     topics: dict[str, dict[str, FieldMapping]] = Field(description="topics, their fields, and the signals of these")
+
+    def fields(self, topic: str) -> dict[str, FieldMapping]:
+        """The fields of a topic with the signals as they are in the axes of this project."""
+        own = CONVENTIONS[self.conventions.get(topic, self.convention)]
+        kinds = IN_AXES.get(topic, {})
+        return {name: _in_own_axes(value, own, kinds.get(name)) for name, value in self.topics[topic].items()}
 
     def columns(self) -> list[Ref]:
         """All columns that topics use."""
         fields = [value for fields in self.topics.values() for value in fields.values()]
         return [ref for value in fields for signal in signals_of(value) for ref in signal.refs]
+
+
+def _in_own_axes(value: FieldMapping, given: Convention, kind: Axes | None) -> FieldMapping:
+    """A field whose signals have a convention: three signals are exchanged and reversed, steering angles reversed."""
+    if isinstance(value, list) and kind in ("body", "map"):
+        matrix = np.array(given.body if kind == "body" else given.map)
+        sources = np.argmax(np.abs(matrix), axis=1)
+        return [_times(value[source], int(matrix[row, source])) for row, source in enumerate(sources)]
+    if isinstance(value, dict) and kind == "steering":
+        return {joint: _times(signal, given.steering) for joint, signal in value.items()}
+    return value
+
+
+@overload
+def _times(signal: Signal, sign: int) -> Signal: ...
+@overload
+def _times(signal: Signal | None, sign: int) -> Signal | None: ...
+def _times(signal: Signal | None, sign: int) -> Signal | None:
+    """A signal, with its sign turned where `sign` is -1."""
+    return signal if signal is None or sign > 0 else signal.model_copy(update={"sign": -signal.sign})
 
 
 def load(source: str | Path | Mapping[str, Any], path: Path) -> ColumnMapping:
@@ -253,6 +289,11 @@ def load(source: str | Path | Mapping[str, Any], path: Path) -> ColumnMapping:
         raise InputError(f"{where}: {key or 'file'}: {first['msg']}, found {first['input']!r}") from None
     for topic, fields in mapping.topics.items():
         _check(where, topic, fields, mapping)
+    strange = [topic for topic in mapping.conventions if topic not in mapping.topics]
+    if strange:
+        raise InputError(
+            f"{where}: conventions: {strange[0]!r} is no topic of this mapping; it has {', '.join(mapping.topics)}"
+        )
     return mapping
 
 

@@ -7,6 +7,9 @@
       vehicle/velocity: /vehicle/status/velocity_status
       vehicle/wheel_speeds: {topic: /joint_states, names: {wheel_fl: front_left_wheel, wheel_fr: front_right_wheel}}
 
+Where topics have other axes than forward, left, up and east, north, up, `convention: ned` says so for all topics of the
+mapping, or `{topic: /imu, convention: sae_j670}` for one: iso_8855 (the default), sae_j670, ned or enu.
+
 A topic gets the type and the frame that the project's has: a TwistStamped becomes a velocity without a stated noise, an
 Odometry the velocity in the axes of the car. `names` are the joints of a JointState. Other topics of the bag stay as
 they are.
@@ -22,6 +25,7 @@ from typing import Any
 import numpy as np
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
+from vsense_ros.bag.importers.convention import ConventionName, in_own_axes
 from vsense_ros.errors import InputError
 from vsense_ros.messages import yaml_text
 from vsense_ros.messages.recording import Channel, Recording
@@ -37,6 +41,9 @@ class TopicSource(BaseModel):
 
     topic: str = Field(min_length=1, description="topic of the bag")
     names: dict[str, str] = Field(default_factory=dict, description="joints of the project: as they are called there")
+    convention: ConventionName | None = Field(
+        default=None, description="its axes and signs; default: that of the mapping"
+    )
 
 
 class TopicMapping(BaseModel):
@@ -45,6 +52,7 @@ class TopicMapping(BaseModel):
     model_config = ConfigDict(extra="forbid", frozen=True)
 
     topics: dict[str, str | TopicSource] = Field(min_length=1, description="topic of the project: topic of the bag")
+    convention: ConventionName = Field(default="iso_8855", description="axes and signs of its topics")
 
 
 def load(source: str | Path | Mapping[str, Any]) -> TopicMapping:
@@ -83,7 +91,8 @@ def mapped(recording: Recording, source: str | Path | Mapping[str, Any] | None) 
                 f"{', '.join(channels) or 'none that can be read'}"
             )
         taken.add(name)
-        made[topic] = _as(topic, channels[name], chosen.names, recording.name)
+        own = _as(topic, channels[name], chosen.names, recording.name)
+        made[topic] = in_own_axes(own, chosen.convention or mapping.convention)
     kept = {name: channel for name, channel in channels.items() if name not in taken and name not in made}
     return replace(recording, channels={**made, **kept})
 
