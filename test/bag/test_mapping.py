@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+import scipy.io
 
 from vsense_ros.bag.importers import import_recording
 from vsense_ros.errors import InputError
@@ -218,3 +219,26 @@ except InputError as error:
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=60)
     assert done.returncode == 0, done.stderr[-500:]
     assert "refused:" in done.stdout
+
+
+@pytest.mark.parametrize("ending", ["csv", "mat"])
+def test_rows_without_times_follow_each_other_at_a_stated_rate(ending, tmp_path):
+    speed = np.linspace(10.0, 12.0, 41)
+    path = tmp_path / f"log.{ending}"
+    if ending == "csv":
+        path.write_text("v\n" + "\n".join(map(str, speed)))
+    else:
+        scipy.io.savemat(path, {"v": speed})
+    mapping = {
+        "time": {"rate": 20, "start": "2024-01-01T00:00:00Z"},
+        "topics": {"vehicle/velocity": {"speed": {"column": "v", "unit": "m/s"}}},
+    }
+    found = import_recording(path, mapping=mapping)["vehicle/velocity"]
+    assert found.columns["linear"][:, 0] == pytest.approx(speed)
+    assert (found.stamp - found.stamp[0]) * 1e-9 == pytest.approx(np.arange(41) / 20)
+    mapping["time"]["column"] = "t"
+    with pytest.raises(InputError, match="a column or a rate, found both"):
+        import_recording(path, mapping=mapping)
+    mapping["time"] = {}
+    with pytest.raises(InputError, match=r"{rate: …} where there is none"):
+        import_recording(path, mapping=mapping)

@@ -32,6 +32,8 @@ angle is positive to the right, `convention: sae_j670` says so for the whole fil
 `conventions: {gps/velocity: ned}` for one topic: iso_8855 (the default), sae_j670, ned or enu. Fields whose names say a
 direction (`forward`, `left`, `course`) mean the same in all of them.
 
+A table or a MATLAB file without times has `time: {rate: 200}`: its rows follow each other by 1/200 s.
+
 Units of time beside s, ms, us, ns, min, h, d: `iso` (2024-05-01T12:00:00.1Z, or as `format` says:
 `format: "%d-%b-%Y %H:%M:%S.%f"`), `hms` (12:00:00.1), `hhmmss` (120000.1) and `gps` (seconds of the GPS week; `week` is
 its number or a column). Those without a date count from the midnight of `start`; days of a spreadsheet are `d` with
@@ -187,6 +189,9 @@ class Time(_Model):
     start: datetime | None = Field(default=None, description="time of t = 0; without it t is Unix time")
     format: str | None = Field(default=None, description="of unit iso, as Python's strptime has it: %d.%m.%Y %H:%M:%S")
     week: Name | None = Field(default=None, description="GPS week: its number, or the name of a column")
+    rate: Annotated[float, Field(gt=0, le=1e6)] | None = Field(
+        default=None, description="rows a second, where the source has no times [Hz]; in place of `column`"
+    )
 
     @property
     def base(self) -> int:
@@ -289,6 +294,8 @@ def load(source: str | Path | Mapping[str, Any], path: Path) -> ColumnMapping:
         raise InputError(f"{where}: {key or 'file'}: {first['msg']}, found {first['input']!r}") from None
     for topic, fields in mapping.topics.items():
         _check(where, topic, fields, mapping)
+    if mapping.time.rate is not None and mapping.time.column is not None:
+        raise InputError(f"{where}: time: expected a column or a rate, found both")
     strange = [topic for topic in mapping.conventions if topic not in mapping.topics]
     if strange:
         raise InputError(

@@ -48,13 +48,20 @@ def read(path: Path, *, mapping: str | Path | Mapping[str, Any] | None = None) -
     """The topics that the mapping makes of the variables; by default the mapping is the YAML file of the same name."""
     wanted = mapping_file.load(mapping_file.default_mapping(path, mapping), path)
     name, unit = wanted.time.column, wanted.time.unit
+    found = variables(path)
+    if wanted.time.rate is not None:
+        name = f"of {wanted.time.rate:g} rows a second"
+        longest = max((len(_variable(path, found, str(ref.name))) for ref in wanted.columns()), default=0)
+        found[name] = np.arange(longest) / (wanted.time.rate * units.to_si(unit))
     if not isinstance(name, str):
-        raise InputError(f"{path}: the mapping names no time variable; expected time: {{column: …, unit: s}}")
+        raise InputError(
+            f"{path}: the mapping names no time variable; expected time: {{column: …, unit: s}}, or {{rate: …}} where "
+            "there is none"
+        )
     if units.quantity_of(unit) != "time":
         raise InputError(
             f"mapping: time: unit {unit!r} is no unit of time; known: {', '.join(units.QUANTITIES['time'])}"
         )
-    found = variables(path)
     time = _variable(path, found, name) * units.to_si(unit)
     if not np.isfinite(time).all() or not len(time):
         raise InputError(f"{path}: {int((~np.isfinite(time)).sum())} of the times in {name!r} are no numbers")

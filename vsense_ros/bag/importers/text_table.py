@@ -10,7 +10,6 @@ import csv
 import io
 import math
 import re
-import time
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import partial
@@ -19,13 +18,11 @@ from typing import Any, BinaryIO
 
 import numpy as np
 import pyarrow as pa
-import pyarrow.compute as pc
 import pyarrow.csv
 
-from vsense_ros.bag.importers import build
 from vsense_ros.bag.importers.build import Array
-from vsense_ros.bag.importers.dialect import seconds_of
 from vsense_ros.bag.importers.mapping import CLOCKS, Column, ColumnMapping, Ref, unit_in_name
+from vsense_ros.bag.importers.text_clocks import CLOCK, ISO, clock_cell, times_of
 from vsense_ros.errors import InputError
 from vsense_ros.messages import units
 from vsense_ros.messages.memory import give_back
@@ -35,9 +32,6 @@ _LONGEST_LINE = 1 << 20  # [byte]
 _LONGEST_SHOWN = 60  # characters of a cell in an error
 _FOOTER = 20  # lines at the end of a file that may be something else than rows
 _BLOCK = 1 << 20  # [byte] that are parsed at once: larger ones leave more of the memory in pieces
-_DAY = 86_400.0  # [s]
-_CLOCK = r"^\s*(?:(?P<h>[0-9]{1,2}):)?(?P<m>[0-9]{1,2}):(?P<s>[0-9]{1,2}(?:[.,][0-9]+)?)\s*$"
-_ISO = re.compile(r"\s*\d{4}-\d{2}-\d{2}[T ]\d{2}:\d{2}(:\d{2}([.,]\d+)?)?\s*(Z|[+-]\d{2}:?\d{2})?\s*")
 
 
 @dataclass
@@ -85,14 +79,15 @@ def read_header(path: Path, wanted: ColumnMapping) -> tuple[list[str], list[str]
 
 def read_table(path: Path, wanted: ColumnMapping) -> TextTable:
     """The columns that a mapping uses. Raises `InputError` naming line and column of what is wrong."""
-    if wanted.time.column is None:
-        raise InputError(f"{path}: the mapping names no time column; expected time: {{column: …, unit: s}}")
+    if wanted.time.rate is not None:
+        return _by_rate(_Lines(path, wanted), wanted.time.rate)
+    column = _time_column(path, wanted)
     unit = wanted.time.unit
     if unit not in CLOCKS and units.quantity_of(unit) != "time":
         known = ", ".join((*units.QUANTITIES["time"], *CLOCKS))
         raise InputError(f"mapping: time: unit {unit!r} is no unit of time; known: {known}")
     lines = _Lines(path, wanted)
-    names = [wanted.time.column, *(ref.name for ref in wanted.columns())]
+    names: list[str | int] = [column, *(ref.name for ref in wanted.columns())]
     if isinstance(wanted.time.week, str):
         names.append(wanted.time.week)
     indices = list(dict.fromkeys(index_of(path, lines.header, name, wanted.delimiter) for name in names))
@@ -108,10 +103,32 @@ def read_table(path: Path, wanted: ColumnMapping) -> TextTable:
     give_back()
     if not len(raw[indices[0]]):
         raise InputError(f"{path}: no rows below the header")
-    seconds, base = _times(lines, indices[0], raw, wanted, indices[-1] if isinstance(wanted.time.week, str) else None)
+    seconds, base = times_of(lines, indices[0], raw, wanted, indices[-1] if isinstance(wanted.time.week, str) else None)
     columns = {index: values for index, values in raw.items() if not (as_text and index == indices[0])}
     columns.setdefault(indices[0], seconds)
     return TextTable(path, lines.header, lines.units, columns, seconds, base, lines.notes)
+
+
+def _time_column(path: Path, wanted: ColumnMapping) -> str | int:
+    if wanted.time.column is None:
+        key = "expected time: {column: …, unit: s}, or {rate: …} where there is none"
+        raise InputError(f"{path}: the mapping names no time column; {key}")
+    return wanted.time.column
+
+
+def _by_rate(lines: _Lines, rate: float) -> TextTable:
+    """The columns of a table without times, whose rows follow each other at a rate [Hz]."""
+    wanted, missing = lines.wanted, set(lines.missing)
+    indices = (index_of(lines.path, lines.header, ref.name, wanted.delimiter) for ref in wanted.columns())
+    columns: dict[int, list[float]] = {index: [] for index in indices}
+    for number, row in _rows(lines):
+        for index, values in columns.items():
+            values.append(_number(lines, number, index, row[index].strip() if index < len(row) else "", missing))
+    seconds = np.arange(max(map(len, columns.values()), default=0)) / rate
+    if not len(seconds):
+        raise InputError(f"{lines.path}: no rows below the header")
+    arrays = {index: np.array(values) for index, values in columns.items()}
+    return TextTable(lines.path, lines.header, lines.units, arrays, seconds, None, lines.notes)
 
 
 @dataclass
@@ -126,16 +143,15 @@ class TextColumns:
 
 def read_texts(path: Path, wanted: ColumnMapping, names: Sequence[str]) -> TextColumns:
     """Some columns of a table as texts. Raises `InputError` as `read_table` does."""
-    if wanted.time.column is None:
-        raise InputError(f"{path}: the mapping names no time column; expected time: {{column: …, unit: s}}")
     lines = _Lines(path, wanted)
-    time, *others = (index_of(path, lines.header, name, wanted.delimiter) for name in (wanted.time.column, *names))
+    wanted_names = (_time_column(path, wanted), *names)
+    time, *others = (index_of(path, lines.header, name, wanted.delimiter) for name in wanted_names)
     as_text = wanted.time.unit in ("iso", "hms")
     clocks: list[Any] = []
     texts: list[list[str]] = [[] for _ in others]
     for number, row in _rows(lines):
         cell = row[time].strip() if time < len(row) else ""
-        clock = _clock_cell(cell, as_text, wanted)
+        clock = clock_cell(cell, as_text, wanted)
         if clock is None:
             raise InputError(f"{path}, line {number}: expected a time, found {cell!r}")
         clocks.append(clock)
@@ -144,7 +160,7 @@ def read_texts(path: Path, wanted: ColumnMapping, names: Sequence[str]) -> TextC
     if not clocks:
         raise InputError(f"{path}: no rows below the header")
     raw = {time: pa.chunked_array([pa.array(clocks, pa.string())]) if as_text else np.array(clocks)}
-    seconds, base = _times(lines, time, raw, wanted, None)
+    seconds, base = times_of(lines, time, raw, wanted, None)
     return TextColumns(texts, seconds, base, lines.notes)
 
 
@@ -241,7 +257,7 @@ class _Lines:
     def _has_number(self, text: str) -> bool:
         cells = [cell.strip() for cell in self.split(text)]
         return any(
-            _is_number(cell, self.wanted.decimal) or _ISO.fullmatch(cell) or re.match(_CLOCK, cell) for cell in cells
+            _is_number(cell, self.wanted.decimal) or ISO.fullmatch(cell) or re.match(CLOCK, cell) for cell in cells
         )
 
     def _is_units(self, cells: list[str]) -> bool:
@@ -249,7 +265,7 @@ class _Lines:
         if self.wanted.units_line is not None:
             return self.wanted.units_line
         filled = [cell.strip() for cell in cells if cell.strip() not in _MISSING]
-        if not filled or any(_is_number(cell, self.wanted.decimal) or _ISO.fullmatch(cell) for cell in filled):
+        if not filled or any(_is_number(cell, self.wanted.decimal) or ISO.fullmatch(cell) for cell in filled):
             return False
         return any(units.canonical(cell) not in (None, "1") for cell in filled)
 
@@ -347,7 +363,7 @@ def _slow(lines: _Lines, indices: list[int], as_text: bool) -> dict[int, Any]:
     waiting: list[tuple[int, str]] = []  # lines that are no row, if nothing but such follow
     for number, row in _rows(lines):
         cells = [row[index].strip() if index < len(row) else "" for index in indices]
-        clock = _clock_cell(cells[0], as_text, lines.wanted)
+        clock = clock_cell(cells[0], as_text, lines.wanted)
         if clock is None:
             message = (
                 f"{lines.path}, line {number}: the time column {lines.header[time_index]!r} is empty; every row needs "
@@ -377,22 +393,6 @@ def _slow(lines: _Lines, indices: list[int], as_text: bool) -> dict[int, Any]:
     }
 
 
-def _clock_cell(cell: str, as_text: bool, wanted: ColumnMapping) -> str | float | None:
-    if as_text and wanted.time.format is not None:
-        try:
-            seconds_of([cell], wanted.time.format)
-        except ValueError:
-            return None
-        return cell
-    if as_text:
-        return cell if _ISO.fullmatch(cell) or re.match(_CLOCK, cell) else None
-    try:
-        value = float(cell.replace(wanted.decimal, "."))
-    except ValueError:
-        return None
-    return value if math.isfinite(value) else None
-
-
 def _number(lines: _Lines, number: int, index: int, cell: str, missing: set[str]) -> float:
     if cell in missing:
         return math.nan
@@ -404,83 +404,3 @@ def _number(lines: _Lines, number: int, index: int, cell: str, missing: set[str]
             f"{lines.path}, line {number}, column {lines.header[index]!r}: expected a number, found {shown!r} (cells "
             "without a value: key missing)"
         ) from None
-
-
-def _times(
-    lines: _Lines, index: int, raw: dict[int, Any], wanted: ColumnMapping, week_index: int | None
-) -> tuple[Array, int | None]:
-    """Seconds after the returned base [ns]; a base of None is that of the mapping."""
-    unit, column = wanted.time.unit, raw[index]
-    if unit == "iso":
-        return _iso(lines, column) if wanted.time.format is None else _dates(lines, column, wanted.time.format)
-    if unit == "hms":
-        seconds = _hms(lines, column)
-    elif unit == "hhmmss":
-        hours, rest = np.divmod(column, 10_000.0)
-        minutes, parts = np.divmod(rest, 100.0)
-        if not ((hours < 24) & (minutes < 60) & (parts < 61) & (column >= 0)).all():
-            raise InputError(f"{lines.path}: the time column {lines.header[index]!r} is not packed HHMMSS")
-        seconds = np.round((hours * 60 + minutes) * 60 + parts, 9)
-    elif unit == "gps":
-        return _gps(lines, column, wanted, None if week_index is None else raw[week_index])
-    else:
-        return column * units.to_si(unit), None
-    if wanted.time.start is None:
-        lines.notes.append(f"{lines.path.name}: the times have no date; counted from 1970 (key start of time)")
-    return seconds + _DAY * np.concatenate([[0], np.cumsum(np.diff(seconds) < -_DAY / 2)]), None
-
-
-def _iso(lines: _Lines, column: pa.ChunkedArray) -> tuple[Array, int]:
-    column = pc.replace_substring(pc.utf8_trim_whitespace(column), " ", "T", max_replacements=1)
-    column = pc.replace_substring(column, ",", ".")
-    for kind in (pa.timestamp("ns", "UTC"), pa.timestamp("ns")):
-        try:
-            stamps = pc.cast(column, kind)
-        except pa.ArrowInvalid:
-            continue
-        nanoseconds = stamps.cast(pa.int64()).to_numpy()
-        base = int(nanoseconds[0])
-        return (nanoseconds - base) * 1e-9, base
-    first = next((text for text in column.to_pylist() if not _ISO.fullmatch(text)), column[0].as_py())
-    raise InputError(f"{lines.path}: expected times as 2024-05-01T12:00:00.1Z all in one form, found {first!r}")
-
-
-def _dates(lines: _Lines, column: pa.ChunkedArray, form: str) -> tuple[Array, int]:
-    """Times in a form of the mapping: seconds after the first, and this [ns]."""
-    texts = column.to_pylist()
-    try:
-        seconds = seconds_of(texts, form)
-    except ValueError as error:
-        raise InputError(f"{lines.path}: expected times as {form!r} (key format of time): {error}") from None
-    base = math.floor(seconds[0])
-    return seconds - base, base * 1_000_000_000
-
-
-def _hms(lines: _Lines, column: pa.ChunkedArray) -> Array:
-    parts = pc.extract_regex(column, _CLOCK)
-    if parts.null_count:
-        first = column.filter(pc.is_null(parts))[0].as_py()
-        raise InputError(f"{lines.path}: expected times of day as 12:00:00.1, found {first!r}")
-
-    def number(name: str) -> Array:
-        text = pc.replace_substring(pc.struct_field(parts, name), ",", ".")
-        text = pc.if_else(pc.equal(text, ""), "0", text)
-        return text.cast(pa.float64()).to_numpy()
-
-    return (number("h") * 60 + number("m")) * 60 + number("s")
-
-
-def _gps(lines: _Lines, column: Array, wanted: ColumnMapping, weeks: Array | None) -> tuple[Array, int]:
-    """Seconds of the GPS week; the week goes on where they begin anew."""
-    week = wanted.time.week
-    if week is None:
-        raise InputError("mapping: time: seconds of the GPS week need the key week: its number, or a column")
-    first = int(week) if isinstance(week, int) else int(weeks[0]) if weeks is not None else 0
-    if not 0 <= first < 5000:
-        raise InputError(f"{lines.path}: {first} is no GPS week")
-    if first < 1024:  # counted with 10 bits, which begin at 0 again every 1024 weeks: the latest that is over
-        first += 1024 * int((time.time() - build.GPS_EPOCH - first * build.WEEK) // (1024 * build.WEEK))
-    turns = np.concatenate([[0], np.cumsum(np.diff(column) < -build.WEEK / 2)])
-    unix = build.GPS_EPOCH + first * build.WEEK
-    base = unix - build.gps_minus_utc(unix + float(column[0]))
-    return column + build.WEEK * turns, base * 1_000_000_000
