@@ -44,6 +44,7 @@ from vsense_ros.mismatch.picture import Trace
 from vsense_ros.mismatch.remarks import ALONE, Evidence, remarks
 from vsense_ros.mismatch.residuals import Residuals
 from vsense_ros.mismatch.search import Search
+from vsense_ros.mismatch.search_settings import EFFORT
 from vsense_ros.mismatch.selection import most_telling
 from vsense_ros.mismatch.simulation import LOST, Predictor
 from vsense_ros.mismatch.thresholds import THRESHOLDS
@@ -401,7 +402,7 @@ def _judged_with_further(
         # Members that the first effect has chosen may be others once there are several: the next one joins the best.
         best = max(found_last, key=validation.proven)
         if search.leaves_something(best.fit):
-            exchanged = search.exchanged(best, hypotheses, THRESHOLDS.rival_share)
+            exchanged = search.exchanged(best, hypotheses, EFFORT.exchanged_share)
             validation.compare(exchanged)
             hypotheses = [*hypotheses, *exchanged]
             found_last = [*found_last, *(e for e in exchanged if len(e.candidates) == len(best.candidates))]
