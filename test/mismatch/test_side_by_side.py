@@ -7,6 +7,7 @@ import pytest
 
 from hidden import driven, prototype
 from vsense_ros.mismatch.prediction_settings import PREDICTION
+from vsense_ros.mismatch.residuals import Residuals
 from vsense_ros.mismatch.simulation import Predictor, _at_once
 from vsense_ros.mismatch.windows import build_dataset
 
@@ -34,6 +35,26 @@ def test_what_was_asked_before_changes_no_answer():
             assert found.keys() == expected.keys()
             for signal, value in found.items():
                 np.testing.assert_array_equal(value, expected[signal])
+
+
+def test_motions_near_a_known_one_change_signals_as_simulations_in_full_do_and_serve_no_other_set():
+    dataset = build_dataset([driven(prototype(), "slalom")], prototype())
+    predictor, in_full = (Predictor(prototype(), dataset) for _ in range(2))
+    known = predictor.start
+    mass = known.values["chassis.mass"]
+    changes = (
+        {"chassis.mass": 1.03 * mass}, {"effects.road_bank.bank": 0.01}, {"effects.suspension_friction.front": 50.0},
+    )  # fmt: skip
+    sets = [known.changed(one) for one in changes]
+    predictor.foresee_near(known, sets)
+    off, expected_off = Residuals(predictor), Residuals(in_full)
+    for near, change in zip(sets, changes, strict=True):
+        found, expected, before = (
+            np.concatenate(rows) for rows in (off(near), expected_off(near), expected_off(known))
+        )
+        assert np.linalg.norm(found - expected) < 0.03 * np.linalg.norm(expected - before), change
+        for again, value in zip(off(known.changed(change)), expected_off(near), strict=True):
+            np.testing.assert_array_equal(again, value)
 
 
 @pytest.mark.parametrize("lanes", [1, 4, 8])

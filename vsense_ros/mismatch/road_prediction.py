@@ -108,7 +108,7 @@ class _OnPieces:
         return self.residuals.at_once
 
     def prepare(self, parameter_sets: Sequence[ParameterSet], near: ParameterSet | None = None) -> None:
-        self.residuals.prepare(parameter_sets)
+        self.residuals.prepare(parameter_sets, near)
 
     def diverged(self, parameter_set: ParameterSet) -> Sequence[bool]:
         return self.residuals.diverged(parameter_set)

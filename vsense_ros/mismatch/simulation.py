@@ -136,11 +136,11 @@ class Predictor:
     def foresee_near(self, near: ParameterSet, parameter_sets: Sequence[ParameterSet]) -> None:
         """Drive the windows with up to `ahead` parameter sets by how far they are from one that is `near` them, for
         secants: what is then asked of these objects is known. Driven in full are windows in which a car gets lost, and
-        all of them where an effect with an internal state has a size."""
-        quick = [one for one in parameter_sets if not self._remembers(one)]
-        if self._near is None or self._remembers(near) or not quick:
+        all of them for parameter sets that `_in_full` is true of."""
+        quick = [one for one in parameter_sets if not self._in_full(one)]
+        if self._near is None or self._in_full(near) or not quick:
             return self.foresee(parameter_sets)
-        self.foresee([one for one in parameter_sets if self._remembers(one)])
+        self.foresee([one for one in parameter_sets if self._in_full(one)])
         every = [self._ways(one)[1] for one in quick]
         _, known = self._ways(near)
         motions = [motion for motion, _, _ in self._all_moved(near)]
@@ -154,17 +154,19 @@ class Predictor:
                 if np.isinf(self._lost_from(index, motion)):
                     self._near.found[index, key] = motion, {}
 
-    def _remembers(self, parameter_set: ParameterSet) -> bool:
-        """True if an effect with an internal state has a size."""
-        return any(parameter_set.values[name] for name in self._sizes_with_memory)
+    def _in_full(self, parameter_set: ParameterSet) -> bool:
+        """True if a parameter set is not simulated by its distance from another: an effect has a size that remembers,
+        or that is abrupt."""
+        return any(parameter_set.values[name] for name in self._sizes_in_full)
 
     @cached_property
-    def _sizes_with_memory(self) -> list[str]:
-        """Names of the sizes of effects with an internal state."""
+    def _sizes_in_full(self) -> list[str]:
+        """Names of the sizes of effects that remember, or that are abrupt."""
         return [
             f"effects.{id}.{name}"
-            for id in self.car.internal_state_slices
-            for name, field in EVERY[id].model_fields.items()
+            for id, effect in EVERY.items()
+            if id in self.car.internal_state_slices or effect.abrupt
+            for name, field in effect.model_fields.items()
             if role(field) == "size"
         ]
 

@@ -102,6 +102,8 @@ class Effect(Part):
     delays: ClassVar[Mapping[str, str]] = MappingProxyType({})
     on_map: ClassVar[bool] = False  # whether its sizes have directions on the map
     each: ClassVar[str] = "axis"  # what it has a size of each of, where that is neither wheel nor axle
+    # True if its forces change so fast with the motion that a step without it in the Jacobian misses them
+    abrupt: ClassVar[bool] = False
     internal_state: ClassVar[tuple[str, ...]] = ()
 
     @classmethod

@@ -19,6 +19,7 @@ class SuspensionFriction(Effect):
     id: ClassVar[str] = "suspension_friction"
     sentence: ClassVar[str] = "dry friction in the suspension"
     mistaken_for: ClassVar[tuple[str, ...]] = ("sloshing_load",)
+    abrupt: ClassVar[bool] = True
 
     front: float = size("N", "friction of one front suspension at the wheel", typical=100.0, low=0.0, high=3000.0)
     rear: float = size("N", "friction of one rear suspension at the wheel", typical=100.0, low=0.0, high=3000.0)
