@@ -196,6 +196,7 @@ def test_a_version_that_there_is_not_is_refused(vehicle: Vehicle, tmp_path: Path
         fmu.write(vehicle, tmp_path / "unit.fmu", 1)
 
 
+@pytest.mark.exam
 def test_the_plant_moves_as_the_simulation_does(vehicle: Vehicle, tmp_path: Path) -> None:
     path = tmp_path / "plant.fmu"
     fmu.write(vehicle, path, 3, plant=True, optimised=QUICK)

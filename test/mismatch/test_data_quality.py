@@ -110,7 +110,14 @@ def test_the_same_measurements_twice_prove_nothing():
     )
 
 
-@pytest.mark.parametrize("angles", [(0.0,), (0.0, 0.001), (-0.001, 0.0, 0.001)])
+@pytest.mark.parametrize(
+    "angles",
+    [
+        pytest.param((0.0,), marks=pytest.mark.exam),
+        (0.0, 0.001),
+        pytest.param((-0.001, 0.0, 0.001), marks=pytest.mark.exam),
+    ],
+)
 def test_a_driver_may_go_straight_on_with_a_steering_angle_of_few_values(angles):
     recording = driven(prototype(), "straight", duration=80.0)
     rows = len(recording["vehicle/steering"])
@@ -207,8 +214,10 @@ FROZEN_GYRO = changed("imu/data", RATES, held(2, 0, 100_000))
     [
         (lambda r: r, set()),
         (REVERSED, {"lateral_acceleration"}),
-        (changed("imu/data", FORCES, scaled(1, 1 / 9.81)), {"lateral_acceleration"}),
-        (FROZEN_GYRO, {"yaw_rate"}),
+        pytest.param(
+            changed("imu/data", FORCES, scaled(1, 1 / 9.81)), {"lateral_acceleration"}, marks=pytest.mark.exam
+        ),
+        pytest.param(FROZEN_GYRO, {"yaw_rate"}, marks=pytest.mark.exam),
         (changed("gps/velocity", "linear", held(slice(None), 0, 10_000)), {"course", "ground_speed"}),
     ],
 )

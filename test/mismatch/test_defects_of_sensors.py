@@ -30,7 +30,7 @@ def names_no_physics_of_the_car(found: Answer) -> bool:
     return all(EVERY[name].acts_on() == "sensor" for name in found.answer_set)
 
 
-@pytest.mark.slow
+@pytest.mark.exam
 def test_where_nothing_but_a_sensor_is_wrong_nothing_of_the_car_is_named():
     """A gyro of another scale and with an offset, and an accelerometer with one: the scale is what shows."""
 

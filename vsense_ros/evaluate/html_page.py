@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import base64
 from datetime import UTC, datetime
+from functools import cache
 from pathlib import Path
 from typing import Any
 
@@ -12,6 +13,7 @@ import jinja2
 from vsense_ros.files.atomic import atomic_write
 
 
+@cache
 def page_template(package: str, name: str) -> jinja2.Template:
     """A template in a package's folder `templates`; it escapes texts, and refuses variables that are not given."""
     environment = jinja2.Environment(
