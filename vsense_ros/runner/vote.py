@@ -91,7 +91,6 @@ class Vote:
             int, tuple[float, float]
         ] = {}  # of other sensors: mean normalized innovation squared, and when
         self._no_vote: set[int] = set()
-        self.votes = 0
         # Sensors and axes that a direct witness confirms, and the stamp of its newest message that does [ns].
         self.confirmed: dict[tuple[int, int], int] = {}
         self.wait = False  # True while something else may be wrong, and no axis is left out
@@ -332,7 +331,6 @@ class Vote:
         if now - since > VOTE.urgent:
             self._pause = min(2 * self._pause, VOTE.last_pause)
         self._voted = now
-        self.votes += 1
         everybody = self._scores(timeline, since, None)
         if everybody is None:
             return

@@ -356,11 +356,6 @@ def _unit_of_forces(content: dict[str, Any], columns: Mapping[str, Array], remar
             )
 
 
-def _per_metre(unit: str) -> float:
-    """What takes a speed, or the angular velocity of a wheel of usual radius, to m/s."""
-    return units.to_si(unit) * (1.0 if units.quantity_of(unit) == "velocity" else _RADIUS)
-
-
 def _speeds(topics: Mapping[str, Any]) -> list[dict[str, Any]]:
     """The signals of a mapping that say how fast the car is."""
     for topic in ("gps/velocity", "vehicle/velocity"):
