@@ -12,6 +12,7 @@ from studio.browser import go
 
 Step = Callable[[str, Callable[[], Any]], None]
 HELD_OUT = "drive_5"
+PATIENCE = 900_000.0  # [ms] for what takes minutes
 MIDDLE = 30.0  # [s] at which each of the two drives is cut
 
 
@@ -30,6 +31,7 @@ def write_five_logs(folder: Path, name: str = "saloon") -> Mapping[str, str | fl
 
 def play_five_logs(page: Any, folder: Path, catalogue: Mapping[str, str | float], step: Step) -> None:
     """From the logs in a folder and the catalogue to an identified and explained car, by clicks alone."""
+    page.set_default_timeout(PATIENCE)
     step("five logs: uploaded", lambda: _upload(page, folder))
     step("five logs: mapped", lambda: _confirm_mapping(page))
     step("five logs: new vehicle", lambda: _write_vehicle(page, catalogue))

@@ -166,6 +166,7 @@ def build(project: Project, jobs: Jobs, wanted: str) -> None:
             refresh()
 
     bench.go, bench.refresh = go, refresh
+    kit.take_uploads(bench)
     refresh()
     ui.timer(_LOOK_AGAIN, look)
 

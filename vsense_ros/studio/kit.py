@@ -42,8 +42,10 @@ def panel(title: str, note: str = "", classes: str = "") -> AbstractContextManag
     return box
 
 
-def file_input(label: str, accept: str, uploaded: Callable[[Path], None]) -> None:
-    """A field that takes files by a click or by dropping them; `uploaded` is called with the path of each."""
+def file_input(bench: Workbench, label: str, accept: str, uploaded: Callable[[list[Path]], None]) -> None:
+    """A field that takes files by a click or by dropping them. Once all are there `uploaded` gets their paths,
+    even if the stage was drawn anew in the meantime."""
+    bench.uploaded = uploaded
     with ui.element("label").classes("vs-drop") as field:
         ui.html(f"<span>{escape(label)}</span>", sanitize=False)
         given = ui.element("input").props(f'type=file multiple accept="{accept}"')
@@ -52,8 +54,18 @@ def file_input(label: str, accept: str, uploaded: Callable[[Path], None]) -> Non
     drop = send % (given.html_id, "dataTransfer.files")
     field.on("drop", js_handler=f"(event) => {{ event.preventDefault(); {drop}; }}")
     field.on("dragover", js_handler="(event) => event.preventDefault()")
-    given.on("uploaded", lambda event: attempt(lambda: uploaded(Path(event.args["detail"]))), args=["detail"])
-    given.on("refused", lambda event: _complain(event.args["detail"]), args=["detail"])
+
+
+def take_uploads(bench: Workbench) -> None:
+    """Let the page hear of files that were sent, for the field of the present stage."""
+
+    def heard(sent: dict[str, list[str]]) -> None:
+        for sentence in sent["refused"]:
+            _complain(sentence)
+        if sent["paths"]:
+            attempt(lambda: bench.uploaded([Path(path) for path in sent["paths"]]))
+
+    ui.on("vs_uploaded", lambda event: heard(event.args))
 
 
 def words(text: str, classes: str = "") -> ui.html:

@@ -15,12 +15,14 @@ from vsense_ros.studio.project import Drive, Project
 
 @dataclass
 class Workbench:
-    """One page of the workbench. `go` shows a stage, `refresh` draws the present one anew."""
+    """One page of the workbench. `go` shows a stage, `refresh` draws the present one anew, `uploaded` takes files that
+    were sent to it."""
 
     project: Project
     jobs: Jobs
     go: Callable[[str], None] = lambda stage: None
     refresh: Callable[[], None] = lambda: None
+    uploaded: Callable[[list[Path]], None] = lambda paths: None
     page: dict[str, Any] = field(default_factory=dict)  # what this tab remembers, such as signals that are shown
 
     @property

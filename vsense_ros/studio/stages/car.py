@@ -95,9 +95,8 @@ def build(bench: Workbench) -> None:
         chosen = ui.select(cars, value=bench.vehicle or None, label="Vehicle file", with_input=True)
         chosen.props("dense outlined").classes("vs-select")
         chosen.on_value_change(lambda event: _choose(bench, event.value))
-        kit.file_input(
-            "Drop a vehicle file (.yaml) here, or choose one", ".yaml,.yml", lambda path: _choose(bench, str(path))
-        )
+        words = "Drop a vehicle file (.yaml) here, or choose one"
+        kit.file_input(bench, words, ".yaml,.yml", lambda paths: _choose(bench, str(paths[0])))
     if not bench.vehicle:
         kit.words("No car yet. Write one from the numbers of a catalogue, or choose a file.")
         return

@@ -90,25 +90,26 @@ def _opening(bench: Workbench) -> None:
     with ui.element("div").classes("vs-row"):
         chosen = ui.select(choice, label="Open a recording of an opened folder", with_input=True)
         chosen.props("dense outlined").classes("vs-select")
-        chosen.on_value_change(lambda event: _open(bench, event.value))
+        chosen.on_value_change(lambda event: _open(bench, event.value or ""))
         words = "Drop recordings, databases (.dbc) and mappings here, or choose them"
-        kit.file_input(words, "", lambda path: _uploaded(bench, path))
+        kit.file_input(bench, words, "", lambda paths: _uploaded(bench, paths))
 
 
-def _open(bench: Workbench, path: str | None) -> None:
-    if path and path not in {drive.path for drive in bench.drives}:
-        bench.drives.append(Drive(path))
-        bench.page["drive"] = path
+def _open(bench: Workbench, *paths: str) -> None:
+    """Open recordings that are not open yet."""
+    new = [path for path in paths if path and path not in {drive.path for drive in bench.drives}]
+    bench.drives.extend(map(Drive, new))
+    if new:
+        bench.page["drive"] = new[0]
         bench.project.save()
-        bench.refresh()
+    bench.refresh()
 
 
-def _uploaded(bench: Workbench, path: Path) -> None:
-    if path.suffix.lower() in (".dbc", ".yaml", ".yml"):
+def _uploaded(bench: Workbench, paths: list[Path]) -> None:
+    others = [path for path in paths if path.suffix.lower() in (".dbc", ".yaml", ".yml")]
+    for path in others:
         ui.notify(f"{path.name} is kept in the project; choose it at the recording that needs it", position="top")
-        bench.refresh()
-    else:
-        _open(bench, str(path))
+    _open(bench, *(str(path) for path in paths if path not in others))
 
 
 def _read(bench: Workbench, drive: Drive) -> None:

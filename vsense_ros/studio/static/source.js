@@ -111,21 +111,19 @@ window.VSense = window.VSense || {};
     step();
   }
 
-  /** Send the files of an input, one after the other; it then hears `uploaded` with their path, or `refused`. */
+  /** Send the files of an input; the page then hears `vs_uploaded` with their paths and with sentences of refusal. */
   async function upload(input, files) {
-    const say = (name, detail) => input.dispatchEvent(new CustomEvent(name, { detail }));
-    for (const file of files) {
+    const paths = [], refused = [];
+    for (const file of [...files]) {
       const answer = await fetch(`/data/uploads/${encodeURIComponent(file.name)}`, { method: "PUT", credentials: "same-origin", body: file })
         .catch(() => null);
-      if (answer && answer.ok) say("uploaded", (await answer.json()).path);
-      else {
-        const words = answer ? await answer.text() : "The workbench does not answer; is the command still running?";
-        let detail = words;
-        try { detail = JSON.parse(words).detail; } catch (error) { /* a sentence as it is */ }
-        say("refused", `${file.name}: ${detail}`);
-      }
+      if (answer && answer.ok) { paths.push((await answer.json()).path); continue; }
+      let words = answer ? await answer.text() : "The workbench does not answer; is the command still running?";
+      try { words = JSON.parse(words).detail; } catch (error) { /* a sentence as it is */ }
+      refused.push(`${file.name}: ${words}`);
     }
     input.value = "";
+    emitEvent("vs_uploaded", { paths, refused });
   }
 
   Object.assign(window.VSense, {
