@@ -80,7 +80,7 @@ class AlignedSignals:
     `signals` has the rates `wx wy wz` [rad/s] and specific forces `ax ay az` [m/s²] of the inertial sensor, the GNSS
     velocity `east north up` [m/s], the position `x y` [m] east and north of the first fix and its `height` [m], and
     `x' y'` as it would be with latitude and longitude exchanged, wheel spins [rad/s] and steering angles [rad] by the
-    names of their joints.
+    names of their joints, and velocities forward that the car states itself [m/s] by the names of their roles.
     """
 
     start: int  # [ns]
@@ -185,6 +185,9 @@ def align(channels: Mapping[Role, Channel], topics: Topics, begin: int) -> Align
             aligned.signals[name] = aligned.at(velocity, velocity.columns["linear"][:, axis])
     if (position := channels.get(Role.POSITION)) is not None:
         _add_position(aligned, position)
+    for role in (Role.BODY_VELOCITY, Role.SPEED):
+        if (own := channels.get(role)) is not None:
+            aligned.signals[role] = aligned.at(own, own.columns["linear"][:, 0])
     for role, values in ((Role.WHEELS, "velocity"), (Role.STEERING, "position")):
         if (joints := channels.get(role)) is not None and joints.columns[values].shape[1]:
             for index, name in enumerate(joints.names):

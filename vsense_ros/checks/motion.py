@@ -15,11 +15,12 @@ from vsense_ros.checks.setting import JUDGEMENT, setting
 Array = NDArray[np.float64]
 
 GNSS, WHEELS, GYRO, ACCELEROMETER = "gnss", "wheels", "gyro", "accelerometer"  # sources of a motion
+OWN_VELOCITY, OWN_SPEED = "own velocity", "own speed"  # likewise, as the car states them
 STEERING_WHEEL, ROAD_WHEEL = "steering_wheel", "road_wheel_front"  # likewise, and names of joints
 STEERED = (ROAD_WHEEL, STEERING_WHEEL)  # the best first
 ROLE_OF = {
     GNSS: Role.VELOCITY, WHEELS: Role.WHEELS, GYRO: Role.IMU, ACCELEROMETER: Role.IMU,
-    STEERING_WHEEL: Role.STEERING, ROAD_WHEEL: Role.STEERING,
+    STEERING_WHEEL: Role.STEERING, ROAD_WHEEL: Role.STEERING, OWN_VELOCITY: Role.BODY_VELOCITY, OWN_SPEED: Role.SPEED,
 }  # fmt: skip
 
 
@@ -121,6 +122,7 @@ def motion_of(signals: AlignedSignals, *, course_by_position: bool) -> Motion:
         motion.turns[GNSS] = signals.course_rate(*ground, span, SETTINGS.slowest_course)
         motion.pushes[GNSS] = signals.slope(motion.speed, span)
     _add_wheels(motion, known=ground is not None)
+    _add_own_speeds(motion)
     _add_inertial(motion)
     if not motion.has_speed:
         return motion
@@ -158,6 +160,18 @@ def _add_wheels(motion: Motion, *, known: bool) -> None:
             by_axle.append(difference * radius / SETTINGS.track_width)
     if by_axle and not _contradict(motion, by_axle):
         motion.turns[WHEELS] = by_axle[0]
+
+
+def _add_own_speeds(motion: Motion) -> None:
+    """Add the velocities forward that the car states itself; they are its speed where nothing else measures it."""
+    m = motion.signals
+    for source in (OWN_VELOCITY, OWN_SPEED):
+        values = m.signals.get(ROLE_OF[source])
+        if values is None:
+            continue
+        if not motion.has_speed:
+            motion.speed = np.abs(values)
+        motion.pushes[source] = m.slope(m.smooth(values, SETTINGS.quick_rolling), SETTINGS.span)
 
 
 def _contradict(motion: Motion, by_axle: list[Array]) -> bool:

@@ -19,7 +19,9 @@ from vsense_ros.messages.recording import Channel, Recording
 Array = NDArray[np.float64]
 
 _LEAST_ROWS = 10  # of a topic about which anything is said
-_COMPARED = (Role.IMU, Role.POSITION, Role.VELOCITY, Role.WHEELS, Role.STEERING)
+_COMPARED = (
+    Role.IMU, Role.POSITION, Role.VELOCITY, Role.WHEELS, Role.STEERING, Role.BODY_VELOCITY, Role.SPEED,
+)  # fmt: skip
 
 
 class Subject:
