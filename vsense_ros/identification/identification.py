@@ -158,8 +158,18 @@ class Identification:
 
     def sentences(self) -> list[str]:
         """Parameters that are not determined, why, and what would help; those that can hardly be separated."""
-        lines = [f"{refusal}. It stays {self.start[refusal.name]:.4g}. To determine it, {advice(refusal.name)}."
-                 for refusal in self.refused]  # fmt: skip
+        by_product = {f"{product.axle}_stiffness": product for product in self.products if product.is_determined}
+        lines = []
+        for refusal in self.refused:
+            outcome, alone = f"It stays {self.start[refusal.name]:.4g}", ""
+            if (product := by_product.get(refusal.name)) is not None:
+                alone = " alone"
+                outcome = (
+                    f"It gets the value with which its product with {product.axle}_peak, the cornering stiffness of a "
+                    f"{product.axle} tyre, is as the drives determine it: {product.value:.4g} ± "
+                    f"{product.deviation:.2g} N/rad"
+                )
+            lines.append(f"{refusal}. {outcome}. To determine it{alone}, {advice(refusal.name)}.")
         weakest = self.found.weakest(
             best_4dof.JUDGED_BY_CURVE + tuple(n for n in self.found.names if n not in self.free)
         )
