@@ -292,8 +292,9 @@ class _Explainer:
         effects = tuple(entries.effect_entries(judged, residuals.predictor.dataset, validation))
         effects = entries.with_known(effects, self.known, shown, residuals, validation)
         begins = self._onset(search, judged)
-        if judged.verdict == "unknown" and leader is None and self._known_explains(effects):
-            judged = replace(judged, verdict="named", partial=True)
+        term = None  # that describes what is left over beside what was known before any fit
+        if judged.verdict == "unknown" and self._known_explains(effects):
+            term, judged = leader, replace(judged, verdict="named", partial=True)
         answer = self.answer.with_(
             verdict="named" if self.known and judged.verdict == "no_mismatch" else judged.verdict,
             by_pieces=leader is not None and validation.by_pieces(leader.fit),
@@ -305,7 +306,7 @@ class _Explainer:
             base=entries.base_parameters(base, leader.fit if leader is not None else None),
             misfit=residuals.level(base.residuals),
             onset=entries.since(begins),
-            remainder=remainder(residuals, shown, judged, _describing(search, judged, validation), validation),
+            remainder=remainder(residuals, shown, judged, term or _describing(search, judged, validation), validation),
         )
         self.answer = answer.with_(sentence=sentence(answer))
 
