@@ -135,8 +135,8 @@ class Predictor:
 
     def foresee_near(self, near: ParameterSet, parameter_sets: Sequence[ParameterSet]) -> None:
         """Drive the windows with up to `ahead` parameter sets by how far they are from one that is `near` them, for
-        secants: what is then asked of these objects is known. Driven in full are windows in which a car gets lost, and
-        all of them for parameter sets that `_in_full` is true of."""
+        secants: what is then asked of these objects is known. Driven in full are windows in which a car gets lost or
+        torques are not measured, and all of them for parameter sets that `_in_full` is true of."""
         quick = [one for one in parameter_sets if not self._in_full(one)]
         if self._near is None or self._in_full(near) or not quick:
             return self.foresee(parameter_sets)
@@ -145,7 +145,11 @@ class Predictor:
         _, known = self._ways(near)
         motions = [motion for motion, _, _ in self._all_moved(near)]
         runs = [self.drives.run(i, way, self._remembered[i]) for i, way in enumerate(known)]
-        held = [i for i, motion in enumerate(motions) if np.isinf(self._lost_from(i, motion))]
+        # Torques that hold a measured speed change from step to step, which rows of a motion do not tell of.
+        held = [
+            i for i, (motion, window) in enumerate(zip(motions, self.dataset.windows, strict=True))
+            if window.torques and np.isinf(self._lost_from(i, motion))
+        ]  # fmt: skip
         self._near.begin({i: (known[i].key, runs[i], motions[i]) for i in held}, quick)
         for index in held:
             new = {w[index].key: w[index] for w in every if w[index].key not in self._motions[index]}
