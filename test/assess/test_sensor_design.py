@@ -40,6 +40,7 @@ def test_the_heading_is_as_well_known_as_the_filter_states_and_twenty_draws_of_t
     assert heading.stated == pytest.approx(heading.rmse, rel=0.2)
 
 
+@pytest.mark.exam
 def test_a_better_receiver_and_two_antennas_help_the_kinematic_filter(truth):
     plan = job.Plan(MANOEUVRE, Errors())
     survey = replace(plan, errors=job.with_receiver(plan.errors, "survey", 1.0))

@@ -163,6 +163,7 @@ def test_a_tcp_sensor_that_lost_its_power_is_missed_and_connected_again() -> Non
 
 
 @pytest.mark.slow
+@pytest.mark.exam
 def test_a_tcp_sensor_that_is_slow_keeps_its_connection() -> None:
     with socket.create_server(("127.0.0.1", 0)) as server:
         port = f"socket://127.0.0.1:{server.getsockname()[1]}"
