@@ -130,14 +130,15 @@ def build(project: Project, jobs: Jobs, wanted: str) -> None:
         rail = ui.element("nav").classes("vs-rail").props('aria-label="Stages"')
         main = ui.element("main").classes("vs-main")
 
+    with rail:  # made once: a click on an element that is made anew at this moment would be lost
+        entries = [_entry(bench, stage, number) for number, stage in enumerate(STAGES, start=1)]
+
     def draw_frame() -> None:
         chips.clear()
         with chips:
             _chips(bench)
-        rail.clear()
-        with rail:
-            for number, stage in enumerate(STAGES, start=1):
-                _entry(bench, stage, number)
+        for update in entries:
+            update()
 
     def refresh() -> None:
         seen[0] = project.version
@@ -179,15 +180,22 @@ def _chips(bench: Workbench) -> None:
     ui.label(f"Project: {bench.project.folder.name}").classes("vs-chip vs-wide-only").tooltip(str(bench.project.folder))
 
 
-def _entry(bench: Workbench, stage: Stage, number: int) -> None:
-    state = stage.state(bench)
-    current = bench.page["stage"] == stage.name
-    button = ui.element("button").classes(f"vs-stage {'current' if current else ''}")
-    button.props(f'type="button" data-stage="{stage.name}"' + (' aria-current="page"' if current else ""))
+def _entry(bench: Workbench, stage: Stage, number: int) -> Callable[[], None]:
+    """The button of a stage in the rail; returns what shows its present state."""
+    button = ui.element("button").classes("vs-stage").props(f'type="button" data-stage="{stage.name}"')
     button.on("click", lambda: bench.go(stage.name))
     with button:
-        ui.html(
+        content = ui.html("", sanitize=False)
+
+    def update() -> None:
+        state = stage.state(bench)
+        if bench.page["stage"] == stage.name:
+            button.classes(add="current").props('aria-current="page"')
+        else:
+            button.classes(remove="current").props(remove="aria-current")
+        content.set_content(
             f'<span class="n">{number}</span><span class="t">{escape(stage.title)}</span>'
-            f'<span class="s {state}" title="{state}" aria-label="{state}"></span>',
-            sanitize=False,
+            f'<span class="s {state}" role="img" aria-label="{state}" title="{state}"></span>'
         )
+
+    return update
