@@ -46,7 +46,7 @@ class Simulated:
 
     at_once = 1
 
-    def prepare(self, parameter_sets: Sequence[ParameterSet]) -> None:
+    def prepare(self, parameter_sets: Sequence[ParameterSet], near: ParameterSet | None = None) -> None:
         pass
 
     def diverged(self, parameter_set: ParameterSet) -> list[bool]:
@@ -170,7 +170,7 @@ class SideBySide(Speeds):
         self.prepared: list[list[ParameterSet]] = []
         self.asked: list[ParameterSet] = []
 
-    def prepare(self, parameter_sets: Sequence[ParameterSet]) -> None:
+    def prepare(self, parameter_sets: Sequence[ParameterSet], near: ParameterSet | None = None) -> None:
         self.prepared.append(list(parameter_sets))
 
     def __call__(self, parameter_set: ParameterSet, instead: Sequence[np.ndarray] | None = None) -> list[np.ndarray]:

@@ -152,11 +152,16 @@ class Predictor:
         ]  # fmt: skip
         self._near.begin({i: (known[i].key, runs[i], motions[i]) for i in held}, quick)
         for index in held:
-            new = {w[index].key: w[index] for w in every if w[index].key not in self._motions[index]}
-            driven = self._near.drive(index, [self.drives.run(index, w, self._remembered[index]) for w in new.values()])
-            for key, motion in zip(new, driven, strict=True):
-                if np.isinf(self._lost_from(index, motion)):
-                    self._near.found[index, key] = motion, {}
+            self._drive_near(self._near, index, [ways[index] for ways in every])
+
+    def _drive_near(self, near: MotionsNear, index: int, ways: Sequence[Driving]) -> None:
+        """Drive a window several times by how far it is from the motion that is known of it. Where the car gets lost
+        the window stays to be driven in full."""
+        new = {way.key: way for way in ways if way.key not in self._motions[index]}
+        driven = near.drive(index, [self.drives.run(index, way, self._remembered[index]) for way in new.values()])
+        for key, motion in zip(new, driven, strict=True):
+            if np.isinf(self._lost_from(index, motion)):
+                near.found[index, key] = motion, {}
 
     def _in_full(self, parameter_set: ParameterSet) -> bool:
         """True if a parameter set is not simulated by its distance from another: an effect has a size that remembers,

@@ -53,8 +53,8 @@ def in_double(matrix: Array, right: Array) -> Array:
 
 
 class ImplicitCar(CarBlocks):
-    """As `CarBlocks`; `solve(matrix, right)` of `work` solves the systems of the iteration. `steps`, `iterations` and
-    `given_up` count."""
+    """As `CarBlocks`; `solve(matrix, right)` of `work` solves the systems of the iteration. `steps` and `iterations`
+    count."""
 
     in_blocks = False
 
@@ -71,7 +71,7 @@ class ImplicitCar(CarBlocks):
         work = work or Work()
         self.solve, self.tolerance, parts = work.solve, work.tolerance, work.parts
         self._at = work.at or (lambda _: None)
-        self.steps = self.iterations = self.given_up = 0
+        self.steps = self.iterations = 0
         self._elapsed = 0.0
         q, u = np.zeros(COORDINATES), np.zeros(COORDINATES)
         self._moved_q, self._moved_u = q, u
@@ -109,7 +109,6 @@ class ImplicitCar(CarBlocks):
         self._at(self._elapsed)
         moved = self._iterated(h)
         if moved is None:
-            self.given_up += 1
             self.advanced.call()
             moved = self.advanced.results[0][:, 0], self.advanced.results[1][:, 0]
         noise = self.map_road(h, process)
