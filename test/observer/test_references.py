@@ -7,6 +7,7 @@ import pytest
 
 from drives import feed, messages
 from vsense_ros.messages.recording import Recording
+from vsense_ros.model.schema.drivetrain import Drivetrain
 from vsense_ros.model.schema.observer_settings import ForceErrors
 from vsense_ros.model.vehicle import Vehicle
 from vsense_ros.observer.catalogue import FILTERS
@@ -17,10 +18,18 @@ NAMES = ("longitudinal", "lateral", "vertical", "roll", "pitch", "yaw", "suspens
 
 
 @pytest.fixture
-def believing(vehicle: Vehicle) -> Vehicle:
+def independent(vehicle: Vehicle) -> Vehicle:
+    """A car of which no axle is known to be driven, so that errors of its wheels' torques are independent, as the
+    references take them always."""
+    return vehicle.model_copy(update={"drivetrain": Drivetrain()})
+
+
+@pytest.fixture
+def believing(independent: Vehicle) -> Vehicle:
     """A car of which its observer believes that nothing is missing."""
     errors = ForceErrors(**dict.fromkeys(NAMES, 0.0))
-    return vehicle.model_copy(update={"observer": vehicle.observer.model_copy(update={"force_errors": errors})})
+    observer = independent.observer.model_copy(update={"force_errors": errors})
+    return independent.model_copy(update={"observer": observer})
 
 
 def test_without_force_errors_the_errorekf_and_the_dekf_are_one_filter(
@@ -38,8 +47,8 @@ def test_without_force_errors_the_errorekf_and_the_dekf_are_one_filter(
     np.testing.assert_allclose(np.sqrt(np.diag(other.car.covariance)), np.sqrt(np.diag(one.car.covariance)), rtol=0.05)
 
 
-def test_where_the_state_is_well_known_the_ukf_is_the_dekf(vehicle: Vehicle) -> None:
-    filters = [FILTERS[name].make(vehicle, Runner(vehicle).sensors) for name in ("dekf", "ukf")]
+def test_where_the_state_is_well_known_the_ukf_is_the_dekf(independent: Vehicle) -> None:
+    filters = [FILTERS[name].make(independent, Runner(independent).sensors) for name in ("dekf", "ukf")]
     for f in filters:
         f.start_rolling(15.0)
         f.car.mean[15], f.car.mean[19] = -0.2, 0.3

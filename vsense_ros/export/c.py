@@ -50,7 +50,7 @@ from vsense_ros.observer.road_map import (
 )
 from vsense_ros.observer.sensors import sensors_of
 from vsense_ros.observer.spi import FILTERS as PARAMETER_FILTERS
-from vsense_ros.observer.state import SLOPES, Layout, Prior, U, largest_state, layout, rolling_state
+from vsense_ros.observer.state import SLOPES, SPIN_FORCES, Layout, Prior, U, largest_state, layout, rolling_state
 from vsense_ros.observer.wheel_torques import BRAKING, PAIRS, STANDING
 
 Array = NDArray[np.float64]
@@ -254,6 +254,8 @@ class Contents:
         tables += [prior.levers, prior.roughness, largest_state(self.layout.size)]
         torques = prior.torques
         together = [torques.covariance[BRAKING, i, j] for i, j in PAIRS]
+        variance = prior.deviation**2
+        variance[SPIN_FORCES] = torques.covariance[BRAKING].diagonal()
         tables += [torques.rate, torques.covariance, np.array(together)]
         tables += [np.array(effect.profile) for effect in self.observer.profiles]
         return {
@@ -278,7 +280,7 @@ class Contents:
             "start": _table(start),
             "start_by_speed": _table(moving - start),
             "values": _table(self.vehicle.parameter_vector()),
-            "start_variance": _table(np.append(prior.deviation**2, together)),
+            "start_variance": _table(np.append(variance, together)),
             "torques": {
                 "standing": number(STANDING),
                 "gravity": number(GRAVITY),

@@ -31,7 +31,7 @@ from vsense_ros.observer.state import (
     layout,
 )
 from vsense_ros.observer.unseen import receiver_noise
-from vsense_ros.observer.wheel_torques import BRAKING, PAIRS
+from vsense_ros.observer.wheel_torques import BRAKING, PAIRS, RELEASED
 
 Array = NDArray[np.float64]
 
@@ -53,20 +53,17 @@ class Sensed:
 
 class Process(NamedTuple):
     """Decay of the states behind the velocities within some time and variance that it adds to them, (n - 28,) each;
-    covariances that it adds to the errors of the torques of two wheels each (6,), as `PAIRS`; and where the three
-    stand, one after the other."""
+    covariances that it adds to the errors of the torques of two wheels each (6,), as `PAIRS`."""
 
     decay: Array
     noise: Array
     shared: Array
-    address: int
 
     @classmethod
-    def of(cls, decay: Array, noise: Array, shared: Array) -> Process:
-        """A process whose numbers stand in one array, as C reads them."""
-        together = np.concatenate([decay, noise, shared])
-        size = len(decay)
-        return cls(together[:size], together[size : 2 * size], together[2 * size :], together.ctypes.data)
+    def of(cls, numbers: Array) -> Process:
+        """A process from its numbers one after the other, as C reads them."""
+        size = (len(numbers) - len(PAIRS)) // 2
+        return cls(numbers[:size], numbers[size : 2 * size], numbers[2 * size :])
 
 
 class CarMemory:
@@ -92,8 +89,7 @@ class CarMemory:
         self._allocate(extra)
         self._bind(self.car, sensors)
         self.largest = largest_state(self.layout.size)
-        self._processes: dict[tuple[int, int], Process] = {}
-        self._torques_alike = self.prior.torques.alike
+        self._processes: dict[int, Array] = {}
 
     def _allocate(self, extra: int) -> None:
         n = self.layout.size
@@ -158,14 +154,19 @@ class CarMemory:
         self._distances = np.array([names.index(f"chassis.cog_to_{axle}_axle") for axle in ("front", "rear")])
 
     def process(self, h: float) -> Process:
-        """What happens within `h` [s] to the states behind the velocities, with brakes as they are now.
+        """What happens within `h` [s] to the states behind the velocities, with brakes as they are now."""
+        return Process.of(self.processes(h)[self.brakes])
+
+    def processes(self, h: float) -> Array:
+        """The numbers of the process within `h` [s] with brakes that are released, and that may act, (2, size).
 
         Kept for steps of equal length to 10 µs: a thousandth of a step changes less than the settings are known to.
         """
-        key = max(round(h * 1e5), 1), BRAKING if self._torques_alike else self.brakes
-        known = self._processes.get(key)
+        length = max(round(h * 1e5), 1)
+        known = self._processes.get(length)
         if known is None:
-            known = self._processes[key] = self._process(key[0] * 1e-5, key[1])
+            known = np.array([self._numbers(length * 1e-5, brakes) for brakes in (RELEASED, BRAKING)])
+            self._processes[length] = known
         return known
 
     @property
@@ -180,8 +181,8 @@ class CarMemory:
         shares = self.prior.torques.shares
         return shares[self.brakes] if shares.any() else shares[BRAKING]
 
-    def _process(self, h: float, brakes: int) -> Process:
-        """What happens within `h` [s] with brakes like these."""
+    def _numbers(self, h: float, brakes: int) -> Array:
+        """The numbers of the process within `h` [s] with brakes like these."""
         prior, torques = self.prior, self.prior.torques
         rate, deviation = prior.rate[SLOW:].copy(), prior.deviation[SLOW:].copy()
         rate[SPIN], deviation[SPIN] = torques.rate[brakes], np.sqrt(torques.covariance[brakes].diagonal())
@@ -189,4 +190,4 @@ class CarMemory:
         noise = deviation**2 * (1 - decay**2) + prior.density[SLOW:] * h
         spin = decay[SPIN]
         shared = [torques.covariance[brakes, i, j] * (1 - spin[i] * spin[j]) for i, j in PAIRS]
-        return Process.of(decay, noise, np.array(shared))
+        return np.concatenate([decay, noise, shared])

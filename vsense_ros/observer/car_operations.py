@@ -13,7 +13,9 @@ from vsense_ros.codegen import Entry, Kernel
 from vsense_ros.estimation.gaussian import COMPONENTS
 from vsense_ros.estimation.operations import ADDRESS, Operations, library
 from vsense_ros.model.car.steps import GAMMA
+from vsense_ros.model.constants import GRAVITY
 from vsense_ros.observer.car_memory import CarMemory, Sensed
+from vsense_ros.observer.wheel_torques import STANDING
 
 Array = NDArray[np.float64]
 
@@ -85,7 +87,7 @@ class _Live(ctypes.Structure):
         *((name, Entry) for name in ("linearize", "kinematics", "advance", "force", "remember", "effect", "spread")),
         *((name, ADDRESS) for name in ("expect", "seen", "learn")),
         ("size", _COUNT),
-        *((name, ADDRESS) for name in ("memory", "inputs", "h", "largest")),
+        *((name, ADDRESS) for name in ("memory", "inputs", "h", "largest", "brakes")),
     ]
 
 
@@ -149,19 +151,22 @@ class CarOperations(Operations):
             return None
         found = np.full(COMPONENTS, np.nan), np.zeros(COMPONENTS * COMPONENTS)
         made, kept = _filter(car, *found)
+        torques = car.prior.torques
+        brakes = np.array([STANDING, GRAVITY, torques.drag, torques.engine_braking])
         live = _Live(
             filter=made,
             **entries,
             expect=ctypes.addressof(expect),
             size=car.memory.size,
             **{name: getattr(car, name).ctypes.data for name in ("memory", "inputs", "h", "largest")},
+            brakes=brakes.ctypes.data,
         )
         live.filter.owner = ctypes.addressof(live)
         sensors = {name: (_sensor(sensed), len(sensed.kernel.results[0])) for name, sensed in car.sensed.items()}
-        return cls(compiled, car, live, sensors, found, [expect, *kept])
+        return cls(compiled, car, live, sensors, found, [expect, brakes, *kept])
 
     def process(self, h: float) -> int:
-        return self._car.process(h).address
+        return int(self._car.processes(h).ctypes.data)
 
     def learn(
         self,

@@ -68,11 +68,6 @@ class TorqueErrors:
         return cls(covariance, rate, shares, train.engine_braking, drag, rolling or bool(noises))
 
     @property
-    def alike(self) -> bool:
-        """True if brakes that are released make no difference to the errors."""
-        return bool((self.covariance[RELEASED] == self.covariance[BRAKING]).all())
-
-    @property
     def determine_forces(self) -> bool:
         """True if the share of each wheel in the longitudinal force is determined: by sensors, or by what is driven."""
         return self.measured or bool(self.shares.any())
