@@ -69,7 +69,7 @@ class WithFullMatrices:
 
     def propagate(self, h: float, decay: Array, noise: Array) -> None:
         self.blocks.mean[FORWARD] = SPEED  # which corrections have changed
-        more = self.blocks.map_road(h, Process(decay, noise[: len(decay)], noise[len(decay) :], 0))
+        more = self.blocks.map_road(h, Process(decay, noise[: len(decay)], noise[len(decay) :]))
         self.blocks.propagate(self.blocks.transition(h, decay), more)
         self.blocks.share_torques(noise[len(decay) :])
 
