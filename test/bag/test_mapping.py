@@ -236,6 +236,8 @@ def test_rows_without_times_follow_each_other_at_a_stated_rate(ending, tmp_path)
     found = import_recording(path, mapping=mapping)["vehicle/velocity"]
     assert found.columns["linear"][:, 0] == pytest.approx(speed)
     assert (found.stamp - found.stamp[0]) * 1e-9 == pytest.approx(np.arange(41) / 20)
+    del mapping["time"]["start"]
+    assert any("no date" in note for note in import_recording(path, mapping=mapping).notes)
     mapping["time"]["column"] = "t"
     with pytest.raises(InputError, match="a column or a rate, found both"):
         import_recording(path, mapping=mapping)

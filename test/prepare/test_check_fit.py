@@ -10,7 +10,7 @@ from vsense_ros.files.installed import vehicle_path
 from vsense_ros.files.vehicle import load_vehicle
 from vsense_ros.messages.recording import Recording
 from vsense_ros.model.vehicle import Vehicle
-from vsense_ros.prepare.recording_check import Fit, check_fit
+from vsense_ros.prepare.recording_check import FitCheck, check_fit
 
 
 @pytest.fixture(scope="module")
@@ -26,7 +26,7 @@ def rav4() -> Vehicle:
 
 
 def test_nothing_is_found_where_file_and_recording_are_of_one_car(segment):
-    assert check_fit(rav4(), [segment]) == Fit([])
+    assert check_fit(rav4(), [segment]) == FitCheck([])
 
 
 def test_a_radius_of_larger_wheels_is_found_by_gnss(segment):

@@ -15,7 +15,7 @@ from bench import SYMMETRIC, TYRES, at_slip, forces, grip, jacobian, relaxation_
 from vsense_ros.model.parameter import numbers, with_values
 from vsense_ros.model.tyres import MODELS, relaxation_rate
 
-relaxed = settings(deadline=None, max_examples=25)
+relaxed = settings(deadline=None, max_examples=60)
 loads = st.floats(50, 20_000)
 speeds = st.one_of(st.floats(-60, 60), st.floats(-0.5, 0.5))
 slips = st.floats(-1.5, 1.5)
@@ -171,7 +171,7 @@ def test_slopes_have_no_jump_at_zero_slip_and_at_standstill(name, load, speed, f
 
 
 @every
-@settings(deadline=None, max_examples=40)
+@settings(deadline=None, max_examples=100)
 @given(
     st.floats(-1e6, 1e6), st.floats(-500, 500), st.floats(-500, 500), st.floats(-500, 500), st.floats(0.01, 2),
     st.floats(-1.5, 1.5), st.sampled_from([1.0, -1.0]),

@@ -80,7 +80,7 @@ class AlignedSignals:
     `signals` has the rates `wx wy wz` [rad/s] and specific forces `ax ay az` [m/s²] of the inertial sensor, the GNSS
     velocity `east north up` [m/s], the position `x y` [m] east and north of the first fix and its `height` [m], and
     `x' y'` as it would be with latitude and longitude exchanged, wheel spins [rad/s] and steering angles [rad] by the
-    names of their joints, and velocities forward that the car states itself [m/s] by the names of their roles.
+    names of their joints, and forward velocities that the car itself publishes [m/s], by the names of their roles.
     """
 
     start: int  # [ns]

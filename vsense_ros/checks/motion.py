@@ -15,7 +15,7 @@ from vsense_ros.checks.setting import JUDGEMENT, setting
 Array = NDArray[np.float64]
 
 GNSS, WHEELS, GYRO, ACCELEROMETER = "gnss", "wheels", "gyro", "accelerometer"  # sources of a motion
-OWN_VELOCITY, OWN_SPEED = "own velocity", "own speed"  # likewise, as the car states them
+OWN_VELOCITY, OWN_SPEED = "own velocity", "own speed"  # sources of a speed that the car itself publishes
 STEERING_WHEEL, ROAD_WHEEL = "steering_wheel", "road_wheel_front"  # likewise, and names of joints
 STEERED = (ROAD_WHEEL, STEERING_WHEEL)  # the best first
 ROLE_OF = {
@@ -163,7 +163,7 @@ def _add_wheels(motion: Motion, *, known: bool) -> None:
 
 
 def _add_own_speeds(motion: Motion) -> None:
-    """Add the velocities forward that the car states itself; they are its speed where nothing else measures it."""
+    """Add the forward velocities that the car itself publishes; they are its speed where nothing else measures it."""
     m = motion.signals
     for source in (OWN_VELOCITY, OWN_SPEED):
         values = m.signals.get(ROLE_OF[source])

@@ -292,7 +292,7 @@ class _Explainer:
         effects = tuple(entries.effect_entries(judged, residuals.predictor.dataset, validation))
         effects = entries.with_known(effects, self.known, shown, residuals, validation)
         begins = self._onset(search, judged)
-        term = None  # that describes what is left over beside what was known before any fit
+        term = None  # without known physics, for the residual that defects known before any fit do not explain
         if judged.verdict == "unknown" and self._known_explains(effects):
             term, judged = leader, replace(judged, verdict="named", partial=True)
         answer = self.answer.with_(

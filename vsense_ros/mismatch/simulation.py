@@ -145,7 +145,7 @@ class Predictor:
         _, known = self._ways(near)
         motions = [motion for motion, _, _ in self._all_moved(near)]
         runs = [self.drives.run(i, way, self._remembered[i]) for i, way in enumerate(known)]
-        # Torques that hold a measured speed change from step to step, which rows of a motion do not tell of.
+        # Torques that hold a measured speed change from step to step, and a motion is stored once in several steps.
         held = [
             i for i, (motion, window) in enumerate(zip(motions, self.dataset.windows, strict=True))
             if window.torques and np.isinf(self._lost_from(i, motion))

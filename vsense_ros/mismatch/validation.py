@@ -67,7 +67,7 @@ class Validation:
         self.base, self.fitted = base, residuals
         self._comparisons: list[Comparison] = []
         self._roads: list[tuple[Fit, RoadPrediction]] = []
-        self._traces: dict[Hypothesis, bool] = {}  # whether held-out recordings tell of an explanation
+        self._traces: dict[Hypothesis, bool] = {}  # True where an explanation changes held-out recordings
         if dataset.windows:
             dataset = dataset.without(Predictor(vehicle, dataset).lost(base.parameter_set), LOST)
         self.remarks = dataset.remarks
@@ -177,7 +177,7 @@ class Validation:
         return self._traces[hypothesis]
 
     def _gains(self, hypothesis: Hypothesis) -> ValidationGains | None:
-        """What an explanation gains on held-out recordings. None without any."""
+        """The gains of an explanation on held-out recordings, whether or not it changes them. None without any."""
         if self.residuals is None:
             return None
         before, after = self.held_out(hypothesis.fit)

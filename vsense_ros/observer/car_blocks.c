@@ -97,6 +97,20 @@ static void run_seen(const struct filter *filter, const struct sensor *sensor);
 static void run_learn(const struct filter *filter, const struct sensor *sensor);
 #endif
 
+/* What tells brakes that may act from brakes that are released: the speed below which a car may be held by them [m/s],
+ * gravity [m/s^2], deceleration by the air over the square of the speed [1/m], and that by the engine [m/s^2]. */
+struct brakes {
+    double standing, gravity, drag, engine_braking;
+};
+
+/* 1 while the car decelerates as if it were braked, or stands, else 0 (`wheel_torques.py: mode`). */
+static int braking(const double *state, const double *udot, const struct brakes *brakes) {
+    const double *const u = state + MODEL;
+    if (u[0] < brakes->standing) return 1;
+    const double along = udot[0] - u[5] * u[1] + brakes->gravity * sin(state[3 * MODEL]);
+    return !(along + brakes->drag * u[0] * u[0] > -brakes->engine_braking);
+}
+
 static const int dynamic_coordinates[DYNAMIC] = {2, 3, 4, 6, 7, 8, 9};
 
 /* The row to eliminate column k with: that of the diagonal as long as it has not lost much, else that of the largest

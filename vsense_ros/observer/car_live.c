@@ -6,7 +6,7 @@ struct live {
     long long size;                             /* of the memory */
     double *memory, *inputs, *h;
     const double *largest; /* n: amounts beyond which no car's state is */
-    const double *brakes;  /* speed below which they may act [m/s], gravity [m/s^2], drag [1/m], engine braking [m/s^2] */
+    const struct brakes *brakes;
 };
 
 static const struct live *owner(const struct filter *filter) { return filter->owner; }
@@ -32,18 +32,10 @@ static int is_valid(const struct live *live) {
     return filter_is_valid(live->filter.state, live->filter.model.covariance, live->largest);
 }
 
-/* 1 while the car decelerates as if it were braked, or stands, else 0 (`wheel_torques.py: mode`). */
-static int braking(const struct live *live) {
-    const double *const u = live->filter.state + MODEL, *const brakes = live->brakes;
-    if (u[0] < brakes[0]) return 1;
-    const double along = live->filter.model.udot[0] - u[5] * u[1] + brakes[1] * sin(live->filter.state[3 * MODEL]);
-    return !(along + brakes[2] * u[0] * u[0] > -brakes[3]);
-}
-
 /* `process`, with brakes that are released and then with brakes that may act: decay and then variance of the states
  * behind the velocities, n - SLOW each, and 6 covariances as in `add_noise`. */
 static int step(const struct live *live, const double *process) {
-    process += braking(live) * (2 * (n - SLOW) + 6);
+    process += braking(live->filter.state, live->filter.model.udot, live->brakes) * (2 * (n - SLOW) + 6);
     if (!filter_predict(&live->filter, *live->h, process, process + n - SLOW)) return 0;
     filter_linearize(&live->filter);
     return 1;

@@ -152,7 +152,7 @@ class CarOperations(Operations):
         found = np.full(COMPONENTS, np.nan), np.zeros(COMPONENTS * COMPONENTS)
         made, kept = _filter(car, *found)
         torques = car.prior.torques
-        brakes = np.array([STANDING, GRAVITY, torques.drag, torques.engine_braking])
+        brakes = np.array([STANDING, GRAVITY, torques.drag, torques.engine_braking])  # `struct brakes` of car_blocks.c
         live = _Live(
             filter=made,
             **entries,

@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import signal
 
+from vsense_ros.checks.motion import ROAD_WHEEL, STEERING_WHEEL
 from vsense_ros.errors import InputError
 from vsense_ros.messages.recording import Channel, Recording
 from vsense_ros.model.coordinates import WHEELS
@@ -19,7 +20,6 @@ from vsense_ros.model.sensors.gnss_velocity import GnssVelocity
 from vsense_ros.model.vehicle import Vehicle
 
 Array = NDArray[np.float64]
-ROAD_WHEEL = "road_wheel_front"  # joint of a steering angle that is not one of the steering wheel
 
 
 @dataclass(frozen=True)
@@ -146,7 +146,7 @@ def _signals(sensor: SensorBase, channel: Channel, vehicle: Vehicle) -> Iterator
         yield "spin", columns["velocity"][:, [channel.names.index(f"wheel_{wheel}") for wheel in WHEELS]]
     elif isinstance(sensor, Steering):
         ratio = sensor.ratio or vehicle.physics.steering.ratio
-        for name, factor in ((ROAD_WHEEL, 1.0), ("steering_wheel", 1 / ratio)):
+        for name, factor in ((ROAD_WHEEL, 1.0), (STEERING_WHEEL, 1 / ratio)):
             if name in channel.names:
                 yield "steering", sensor.gain * factor * columns["position"][:, [channel.names.index(name)]]
                 return

@@ -45,7 +45,7 @@ _ABSOLUTE = {
 
 
 @dataclass(frozen=True)
-class Fit:
+class FitCheck:
     """Where a vehicle file and recordings do not fit; and why they could not be compared, a sentence, if they could
     not."""
 
@@ -62,7 +62,7 @@ class FitFinding:
     keys: tuple[str, ...] = ()
 
 
-def check_fit(vehicle: Vehicle, recordings: Sequence[Recording]) -> Fit:
+def check_fit(vehicle: Vehicle, recordings: Sequence[Recording]) -> FitCheck:
     """Where a vehicle file and recordings of the car do not fit. What cannot be compared is no finding."""
     found = []
     topics, radius = topics_of(vehicle.sensors.values()), float(np.mean(rolling_radii(vehicle)))
@@ -71,9 +71,9 @@ def check_fit(vehicle: Vehicle, recordings: Sequence[Recording]) -> Fit:
     try:
         quantities = calibrate(recordings, vehicle).quantities
     except InputError as error:
-        return Fit(found, str(error))
+        return FitCheck(found, str(error))
     names = ", ".join(recording.name for recording in recordings)
-    return Fit([*found, *(_finding(names, one) for one in quantities if _is_off(one))])
+    return FitCheck([*found, *(_finding(names, one) for one in quantities if _is_off(one))])
 
 
 def _is_off(quantity: Calibrated) -> bool:

@@ -12,7 +12,7 @@ from vsense_ros.files.vehicle import load_content, load_vehicle
 from vsense_ros.messages.recording import Recording
 from vsense_ros.model.vehicle import Vehicle
 from vsense_ros.prepare.car_check import CarFinding, check_car, check_document, in_words
-from vsense_ros.prepare.recording_check import Fit, FitFinding, check_fit
+from vsense_ros.prepare.recording_check import FitCheck, FitFinding, check_fit
 
 
 @dataclass(frozen=True)
@@ -59,7 +59,7 @@ def check_vehicle(path: str | Path, recordings: Sequence[Recording] = ()) -> Veh
 
 def check_loaded(vehicle: Vehicle, recordings: Sequence[Recording] = ()) -> VehicleCheck:
     """Check a vehicle that is one by its schema, and whether it fits recordings."""
-    fit = check_fit(vehicle, recordings) if recordings else Fit(())
+    fit = check_fit(vehicle, recordings) if recordings else FitCheck(())
     return VehicleCheck(vehicle.name, vehicle, check_car(vehicle), fit=fit.findings, not_compared=fit.not_compared)
 
 

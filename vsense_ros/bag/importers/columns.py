@@ -49,6 +49,8 @@ def recording_from(
     """The recording that the mapping makes of the columns; `base` is the Unix time [ns] of their time 0, if not that
     of the mapping."""
     notes: list[str] = []
+    if mapping.time.rate is not None and mapping.time.start is None:
+        notes.append(f"{name}: its rows have no date; counted from 1970 (key start of time)")
     made = _Maker(mapping, columns, mapping.time.base if base is None else base, notes)
     channels = {}
     for topic, fields in mapping.topics.items():

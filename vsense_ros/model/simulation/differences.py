@@ -24,13 +24,14 @@ RENEW = 2  # rows from one Jacobian of a known motion to the next
 _JACOBIAN = COORDINATES * (COORDINATES + len(DYNAMIC_COORDINATES))
 
 
+_STEPS = (("rows", ctypes.c_longlong), ("every", ctypes.c_longlong), ("h", ctypes.c_double))  # of both structures
+
+
 class _Along(ctypes.Structure):
     """`struct along` of differences.c."""
 
     _fields_ = (
-        ("rows", ctypes.c_longlong),
-        ("every", ctypes.c_longlong),
-        ("h", ctypes.c_double),
+        *_STEPS,
         *((name, Doubles) for name in ("q", "u", "inputs", "disturbances", "varying", "parameters")),
         ("varied", ctypes.c_longlong),
         ("places", Integers),
@@ -42,9 +43,7 @@ class _Difference(ctypes.Structure):
     """`struct difference` of differences.c."""
 
     _fields_ = (
-        ("rows", ctypes.c_longlong),
-        ("every", ctypes.c_longlong),
-        ("h", ctypes.c_double),
+        *_STEPS,
         *((name, Doubles) for name in ("known_q", "known_u", "known_udot", "known_disturbances", "jacobians")),
         *((name, Doubles) for name in ("q", "u", "inputs", "disturbances", "target", "gain", "varying", "parameters")),
         ("varied", ctypes.c_longlong),
