@@ -16,7 +16,7 @@ from synthetic_drives import channel, odometry, recording, slalom
 from vsense_ros.evaluate.drive import Drive
 from vsense_ros.evaluate.metrics import SignalScore
 from vsense_ros.evaluate.picture import compose, draw
-from vsense_ros.evaluate.report import write_report
+from vsense_ros.evaluate.report import outline, write_report
 from vsense_ros.evaluate.signals import SIGNALS, thin
 from vsense_ros.evaluate.terminal import PIPE_WIDTH, PlainConsole, show_drive
 from vsense_ros.evaluate.wording import named, score_cells
@@ -327,3 +327,15 @@ def test_where_no_estimate_came_no_curve_is_drawn_and_the_seconds_are_said(whole
         time, value = line.get_data()
         assert not np.any((time > 5.01) & (time < 7.99) & np.isfinite(value))
         assert np.isnan(value).any()
+
+
+def test_a_band_encloses_what_is_known_and_nothing_between():
+    """The area within the outline is that of the stretches alone (shoelace formula)."""
+    times = np.array([0.0, 1.0, 2.0, 5.0, 8.0, 9.0])
+    centre = np.array([1.0, 1.0, 1.0, np.nan, 5.0, 5.0])
+    x, y = outline(times, centre - 0.5, centre + 0.5)
+    ends = np.flatnonzero(np.isnan(x))
+    pieces = [(x[a:b], y[a:b]) for a, b in zip((0, *(ends[:-1] + 1)), ends, strict=True)]
+    areas = [abs(px @ np.roll(py, 1) - py @ np.roll(px, 1)) / 2 for px, py in pieces]
+    assert areas == pytest.approx([2.0, 1.0])
+    assert [len(part) for part in outline(times, np.full(6, np.nan), centre)] == [0, 0]

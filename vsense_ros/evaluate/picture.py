@@ -89,7 +89,7 @@ def compose(drive: Drive) -> Figure:
     FigureCanvasAgg(figure)
     _head(figure, drive)
     upper = figure.add_gridspec(
-        4, 3, left=0.045, right=0.985, top=0.885, bottom=0.335, wspace=0.16, hspace=0.3, width_ratios=COLUMNS
+        4, 3, left=0.045, right=0.985, top=0.875, bottom=0.335, wspace=0.16, hspace=0.3, width_ratios=COLUMNS
     )
     side = upper[:, 0].subgridspec(2, 1, height_ratios=(3.4, 1.0), hspace=0.24)
     _map(figure.add_subplot(side[0]), estimates, truths)
@@ -112,9 +112,8 @@ def _head(figure: Figure, drive: Drive) -> None:
     if np.isfinite(drive.realtime_factor):
         facts.append(f"{drive.realtime_factor:.3g} × real time")
     facts.append(f"{drive.messages_lost} messages lost")
-    if drive.way:
-        facts.append(drive.way)
-    figure.text(0.045, 0.932, "   ·   ".join(facts), fontsize=9.5, va="center", color=MUTED)
+    lines = ["   ·   ".join(facts), *filter(None, [drive.way])]
+    figure.text(0.045, 0.941, "\n".join(lines), fontsize=9.5, va="top", color=MUTED, linespacing=1.5)
 
 
 def _map(axes: Axes, estimates: Mapping[str, Series], truths: Mapping[str, Series]) -> None:

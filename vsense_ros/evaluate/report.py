@@ -8,6 +8,7 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any, NamedTuple
 
+import numpy as np
 import plotly.graph_objects as go
 from plotly.offline import get_plotlyjs
 from plotly.subplots import make_subplots
@@ -16,7 +17,7 @@ from vsense_ros.evaluate.balance import Balance
 from vsense_ros.evaluate.drive import Drive
 from vsense_ros.evaluate.html_page import embedded, write_page
 from vsense_ros.evaluate.picture import BAND, ESTIMATE, MUTED, TRUTH, WHEEL_COLOURS, draw, value_limits
-from vsense_ros.evaluate.signals import SIGNALS, Series, curve, read_signals
+from vsense_ros.evaluate.signals import SIGNALS, Array, Series, curve, read_signals
 from vsense_ros.evaluate.wording import HEADINGS, LEGEND, named, score_cells
 from vsense_ros.messages.topics import WHEELS
 
@@ -224,17 +225,18 @@ def _traces(estimate: Series, truth: Series | None, start: int, label: str, colo
     found: list[go.Scatter] = []
     if (band := estimate.band()) is not None:
         times, shown, two = curve(estimate.stamp, start, estimate.shown(), band)
-        seconds = _short(times, 3)
-        hidden = {"mode": "lines", "line": {"width": 0}, "hoverinfo": "skip", "legendgroup": "band"}
-        found.append(go.Scatter(x=seconds, y=_short(shown - two, 5), **hidden))
+        around, edge = outline(times, shown - two, shown + two)
         found.append(
             go.Scatter(
-                x=seconds,
-                y=_short(shown + two, 5),
-                fill="tonexty",
+                x=_short(around, 3),
+                y=_short(edge, 5),
+                mode="lines",
+                line={"width": 0},
+                fill="toself",
                 fillcolor=f"rgba{(*(int(BAND[i : i + 2], 16) for i in (1, 3, 5)), 0.5)}",
                 name="±2σ",
-                **hidden,
+                hoverinfo="skip",
+                legendgroup="band",
             )
         )
     line = {"color": colour, "width": 1.4}
@@ -253,6 +255,16 @@ def _traces(estimate: Series, truth: Series | None, start: int, label: str, colo
             )
         )
     return found
+
+
+def outline(times: Array, low: Array, high: Array) -> tuple[Array, Array]:
+    """The outline of a band (n,) as one closed line around each stretch in which it is known, with NaN between them: a
+    fill between two lines that are interrupted would cover what lies between the stretches."""
+    known = np.flatnonzero(np.isfinite(low) & np.isfinite(high))
+    stretches = [part for part in np.split(known, np.flatnonzero(np.diff(known) > 1) + 1) if len(part)]
+    x = [np.concatenate([times[part], times[part][::-1], [np.nan]]) for part in stretches]
+    y = [np.concatenate([high[part], low[part][::-1], [np.nan]]) for part in stretches]
+    return np.concatenate([*x, []]), np.concatenate([*y, []])
 
 
 def _points(series: Series, start: int) -> tuple[list[float], list[float]]:
