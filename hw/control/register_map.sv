@@ -1,31 +1,36 @@
 // Made by hw/registers.py from vsense_ros/accelerator/registers.py.
 package register_map;
-  localparam logic [5:0] CONTROL = 6'h00;
+  localparam int ADDRESS_BITS = 7;
+  localparam logic [6:0] CONTROL = 7'h00;
   localparam int CONTROL_START = 0;
   localparam int CONTROL_DONE = 1;
   localparam int CONTROL_IDLE = 2;
   localparam int CONTROL_READY = 3;
   localparam int CONTROL_AUTO_RESTART = 7;
-  localparam logic [5:0] GLOBAL_INTERRUPT = 6'h04;
+  localparam int CONTROL_ABORT = 16;
+  localparam int CONTROL_SOFT_RESET = 17;
+  localparam logic [6:0] GLOBAL_INTERRUPT = 7'h04;
   localparam int GLOBAL_INTERRUPT_ENABLE = 0;
-  localparam logic [5:0] INTERRUPT_ENABLE = 6'h08;
+  localparam logic [6:0] INTERRUPT_ENABLE = 7'h08;
   localparam int INTERRUPT_ENABLE_DONE = 0;
   localparam int INTERRUPT_ENABLE_READY = 1;
-  localparam logic [5:0] INTERRUPT_STATUS = 6'h0c;
+  localparam logic [6:0] INTERRUPT_STATUS = 7'h0c;
   localparam int INTERRUPT_STATUS_DONE = 0;
   localparam int INTERRUPT_STATUS_READY = 1;
-  localparam logic [5:0] KERNEL = 6'h10;
-  localparam logic [5:0] MAP_VERSION = 6'h14;
-  localparam logic [5:0] SIZE = 6'h18;
-  localparam logic [5:0] WORDS_IN = 6'h1c;
-  localparam logic [5:0] WORDS_OUT = 6'h20;
-  localparam logic [5:0] TABLE_WORDS = 6'h24;
-  localparam logic [5:0] MODE = 6'h28;
+  localparam logic [6:0] KERNEL = 7'h10;
+  localparam logic [6:0] MAP_VERSION = 7'h14;
+  localparam logic [6:0] SIZE = 7'h18;
+  localparam logic [6:0] WORDS_IN = 7'h1c;
+  localparam logic [6:0] WORDS_OUT = 7'h20;
+  localparam logic [6:0] TABLE_WORDS = 7'h24;
+  localparam logic [6:0] MODE = 7'h28;
   localparam int MODE_TABLE = 0;
-  localparam logic [5:0] STATUS = 6'h2c;
-  localparam logic [5:0] COMPUTE_CYCLES = 6'h30;
-  localparam logic [5:0] LINK_CYCLES = 6'h34;
-  localparam logic [5:0] REQUESTS = 6'h38;
+  localparam logic [6:0] STATUS = 7'h2c;
+  localparam logic [6:0] COMPUTE_CYCLES = 7'h30;
+  localparam logic [6:0] LINK_CYCLES = 7'h34;
+  localparam logic [6:0] REQUESTS = 7'h38;
+  localparam logic [6:0] ABORTED = 7'h3c;
+  localparam logic [6:0] MALFORMED = 7'h40;
   function automatic int kernel_of(input int number);
     case (number)
       1: kernel_of = 1;
@@ -38,11 +43,11 @@ package register_map;
   endfunction
   function automatic int map_version_of(input int number);
     case (number)
-      1: map_version_of = 1;
-      2: map_version_of = 1;
-      3: map_version_of = 1;
-      4: map_version_of = 1;
-      6: map_version_of = 1;
+      1: map_version_of = 2;
+      2: map_version_of = 2;
+      3: map_version_of = 2;
+      4: map_version_of = 2;
+      6: map_version_of = 2;
       default: map_version_of = 0;
     endcase
   endfunction
@@ -86,7 +91,14 @@ package register_map;
       default: table_words_of = 0;
     endcase
   endfunction
-  localparam int STATUS_OK = 0, STATUS_PIVOT = 1;
+  localparam logic [2:0] STATUS_OK = 3'd0;
+  localparam logic [2:0] STATUS_PIVOT = 3'd1;
+  localparam logic [2:0] STATUS_FAULT = 3'd6;
+  localparam logic [2:0] STATUS_WRONG_SIZE = 3'd7;
+  // What `err` of a kernel means: a refused pivot, or no coefficients.
+  function automatic logic [2:0] refusal_of(input int number);
+    refusal_of = (table_words_of(number) != 0) ? STATUS_FAULT : STATUS_PIVOT;
+  endfunction
 endpackage
 
 // The kernel of a number, with the parameters that it is built with.

@@ -127,10 +127,14 @@ module gj_solver #(
   // What goes along with a slot.
   //   first: it belongs to row k+1     old: its row was the last step's pivot row     own: it is the pivot row itself,
   //   which happens in the last step alone     start: first slot of its row     last: last slot     final: last step
-  localparam int SB = 8 + RB + CB;
+  // Whether there is a slot at all is cleared by the shortest reset: a slot that was on its way does not come to memory
+  // in the next request. The rest of it is not looked at without that.
+  localparam int SB = 7 + RB + CB;
+  logic [LAT:1]  valid;
   logic [SB-1:0] sb [1:LAT];
   always_ff @(posedge clk) begin
-    sb[1] <= {issue & rst_n, firstrow & ~lastk, ~lastk ? lastrow : (cnt == RB'(N - 2)), lastk & (cnt == RB'(N - 1)),
+    valid <= rst_n ? {valid[LAT-1:1], issue} : '0;
+    sb[1] <= {firstrow & ~lastk, ~lastk ? lastrow : (cnt == RB'(N - 2)), lastk & (cnt == RB'(N - 1)),
               ch == kch, lastch, lastk, k[0], row, ch};
     for (int i = 2; i <= LAT; i = i + 1) sb[i] <= sb[i-1];
   end
@@ -148,9 +152,10 @@ module gj_solver #(
   wire v1, first1, old1, own1, start1, last1, final1, odd1; wire [RB-1:0] r1; wire [CB-1:0] c1;
   wire v2, first2, old2, own2, start2, last2, final2, odd2; wire [RB-1:0] r2; wire [CB-1:0] c2;
   wire vw, firstw, oldw, ownw, startw, lastw, finalw, oddw; wire [RB-1:0] rw; wire [CB-1:0] cw;
-  assign {v1, first1, old1, own1, start1, last1, final1, odd1, r1, c1} = sb[1];
-  assign {v2, first2, old2, own2, start2, last2, final2, odd2, r2, c2} = sb[2];
-  assign {vw, firstw, oldw, ownw, startw, lastw, finalw, oddw, rw, cw} = sb[LAT];
+  assign {v1, v2, vw} = {valid[1], valid[2], valid[LAT]};
+  assign {first1, old1, own1, start1, last1, final1, odd1, r1, c1} = sb[1];
+  assign {first2, old2, own2, start2, last2, final2, odd2, r2, c2} = sb[2];
+  assign {firstw, oldw, ownw, startw, lastw, finalw, oddw, rw, cw} = sb[LAT];
 
   function automatic [AB-1:0] addr(input [RB-1:0] r, input [CB-1:0] c);
     if (C > 1) addr = AB'({c, r}); else addr = AB'(r);
@@ -183,7 +188,9 @@ module gj_solver #(
   wire       ctop = &cm[30:23];
   wire       czero = ~ctop & ((cm[30:23] == 8'd0) | es[9] | (es == 10'd0));
   wire       chigh = ~ctop & ~es[9] & (es[8] | (&es[7:0]));  // 255 or more
-  wire [31:0] factor = (own2 | czero) ? 32'd0 : {~cm[31], (ctop | chigh) ? 8'hFF : es[7:0], chigh ? 23'd0 : cm[22:0]};
+  // A factor of zero has its sign, too: its products are zeros, whose signs decide that of a sum of zeros.
+  wire [31:0] factor = own2 ? 32'd0 : {~cm[31], czero ? 8'd0 : (ctop | chigh) ? 8'hFF : es[7:0],
+                                       (czero | chigh) ? 23'd0 : cm[22:0]};
   wire [22:0] mantissa = own2 ? 23'd0 : pm[odd2];
   always_ff @(posedge clk) m3 <= {9'h07F, mantissa};
 

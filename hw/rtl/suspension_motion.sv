@@ -7,6 +7,9 @@
 // the six rows in eta, then of value, slope and half curvature in xi of both wheels, six chains at a time, as many
 // clocks apart as the sum comes back after. With U units, each does 12 / U such pairs one after the other.
 //
+// A reset keeps coefficients that have come whole. Without them, as after a reset in the middle of them, every word that
+// leaves is a NaN, and `err` is set until they have come.
+//
 // AXI4-Stream in. With s_tuser the words are coefficients, kept for all requests: of each pair (fl x … fl spring,
 // fr x … fr spring, with the same of rl and rr) c_00 c_01 … c_56 of the front wheel and c_0 … c_5 of the rear one, 48
 // words. Without: of each wheel fl fr rl rr xi, eta, and the rate of xi. Out: of each wheel and column value, slope,
@@ -48,7 +51,10 @@ module suspension_motion #(
   wire         last_step = (step == 4'(STEPS));  // one step beyond, while the rates leave
   wire         last_group = (group == GB'(G - 1));
   assign s_tready = (st == LOAD);
-  assign err = 1'b0;
+  logic whole = 1'b0;                           // all coefficients are there
+  assign err = ~whole;
+  always_ff @(posedge clk)
+    if (rst_n & (st == LOAD) & s_tvalid & s_tuser) whole <= (word == 6'd47) & (pair == 4'd11);
   always_ff @(posedge clk) begin
     if (!rst_n) begin
       st <= LOAD; pair <= '0; word <= '0; at <= '0; phase <= '0; step <= '0; group <= '0; out <= '0; cycles <= '0;
@@ -114,7 +120,7 @@ module suspension_motion #(
                                                 : 3'(of_wheel[1:0]) + (out_rear ? 3'd3 : 3'd0);
   assign m_tvalid = (st == OUT);
   assign m_tlast = (out == 7'd95);
-  assign m_tdata = left[(U == 1) ? 0 : out_pair % U];
+  assign m_tdata = whole ? left[(U == 1) ? 0 : out_pair % U] : 32'h7FC0_0000;
 
   genvar u;
   generate

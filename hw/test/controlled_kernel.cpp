@@ -68,19 +68,21 @@ uint32_t kernel_read(Instance* instance, uint32_t address) {
   tick(instance);
   top.s_axi_arvalid = 0;
   for (settle(instance); !top.s_axi_rvalid; settle(instance)) tick(instance);
-  uint32_t found = top.s_axi_rdata;
+  uint32_t value = top.s_axi_rdata;
   tick(instance);
   top.s_axi_rready = 0;
-  return found;
+  return value;
 }
 
-// Offers words for so many clocks; how many were taken. A word is offered in every `every`-th clock only.
-int kernel_offer(Instance* instance, const uint32_t* words, int count, int clocks, int every) {
+// Offers words for so many clocks, the one at `last` marked as the last of a packet; how many were taken. A word is
+// offered in every `every`-th clock only.
+int kernel_offer(Instance* instance, const uint32_t* words, int count, int clocks, int every, int last) {
   auto& top = instance->top;
   int taken = 0;
   for (int i = 0; i < clocks && taken < count; i++) {
     top.s_tvalid = i % every == 0;
     top.s_tdata = words[taken];
+    top.s_tlast = taken == last;
     settle(instance);
     bool took = top.s_tvalid && top.s_tready;
     tick(instance);
@@ -106,6 +108,18 @@ int kernel_collect(Instance* instance, uint32_t* words, int count, int clocks, i
   }
   top.m_tready = 0;
   return came;
+}
+
+void kernel_clocks(Instance* instance, int count) {
+  for (int i = 0; i < count; i++) tick(instance);
+}
+
+// A reset of so many clocks.
+void kernel_reset(Instance* instance, int clocks) {
+  instance->top.rst_n = 0;
+  instance->top.s_tvalid = 0;
+  for (int i = 0; i < clocks; i++) tick(instance);
+  instance->top.rst_n = 1;
 }
 
 int kernel_irq(Instance* instance) {

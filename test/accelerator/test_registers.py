@@ -38,7 +38,7 @@ def test_registers_are_words_that_do_not_overlap_and_begin_as_those_of_high_leve
     names = ["CONTROL", "GLOBAL_INTERRUPT", "INTERRUPT_ENABLE", "INTERRUPT_STATUS"]  # UG1399: AP_CTRL, GIER, IER, ISR
     assert [r.name for r in REGISTERS[:4]] == names
     control = {f.name: f.lowest for f in REGISTERS[0].fields}
-    assert control == {"start": 0, "done": 1, "idle": 2, "ready": 3, "auto_restart": 7}
+    assert control | {"start": 0, "done": 1, "idle": 2, "ready": 3, "auto_restart": 7} == control
     for register in REGISTERS:
         masks = [((1 << f.width) - 1) << f.lowest for f in register.fields]
         assert sum(masks) == np.bitwise_or.reduce(masks) if masks else True
@@ -60,9 +60,17 @@ class Controlled:
     def read(self, name: str) -> int:
         return int(self._of.kernel_read(self._it, AT[name]))
 
-    def offer(self, words: np.ndarray, clocks: int = 100_000, every: int = 1) -> int:
+    def offer(self, words: np.ndarray, clocks: int = 100_000, every: int = 1, last: int | None = None) -> int:
+        """How many words were taken. `last` is the one that is marked: -1 for none, the last one where it is None."""
         given = np.ascontiguousarray(words, np.uint32)
-        return int(self._of.kernel_offer(self._it, ctypes.c_void_p(given.ctypes.data), given.size, clocks, every))
+        pointer, last = ctypes.c_void_p(given.ctypes.data), given.size - 1 if last is None else last
+        return int(self._of.kernel_offer(self._it, pointer, given.size, clocks, every, last))
+
+    def wait(self, clocks: int) -> None:
+        self._of.kernel_clocks(self._it, clocks)
+
+    def reset(self, clocks: int) -> None:
+        self._of.kernel_reset(self._it, clocks)
 
     def collect(self, every: int = 1) -> tuple[np.ndarray, int]:
         found, last = np.zeros(self.kernel.words_out, np.uint32), ctypes.c_int()
@@ -145,7 +153,7 @@ class TestSimulated:
         here, words = built(BODY_MASS), np.arange(60, dtype=np.uint32)
         assert here.offer(words, clocks=100) == 0
         here.write("CONTROL", BIT["CONTROL.start"])
-        assert here.offer(words, clocks=1000) == BODY_MASS.words_in
+        assert here.offer(words, clocks=1000, last=BODY_MASS.words_in - 1) == BODY_MASS.words_in
         assert here.offer(words, clocks=1000) == 0
 
     def test_done_and_ready_are_cleared_by_reading(self, built) -> None:
@@ -215,3 +223,104 @@ class TestSimulated:
             assert here.collect()[0].size == 9
         here.write("CONTROL", 0)
         assert here.read("REQUESTS") == 3
+
+    @pytest.mark.parametrize("length", [1, 5, 18, 20, 40])
+    def test_a_packet_of_a_wrong_length_gives_no_result_and_spoils_no_other(self, built, length: int) -> None:
+        here, random = built(BODY_MASS), np.random.default_rng(length)
+        given = random.normal(0, 1, 19).astype(np.float32).view(np.uint32)
+        here.write("CONTROL", BIT["CONTROL.start"])
+        assert here.offer(random.integers(0, 2**32, length, dtype=np.uint32)) == length
+        assert here.read("CONTROL") & BIT["CONTROL.done"]
+        assert (here.read("STATUS"), here.read("MALFORMED"), here.read("REQUESTS")) == (Status.WRONG_SIZE, 1, 0)
+        assert np.array_equal(here.run(given), BODY_MASS.run(given)[0])
+        assert (here.read("STATUS"), here.read("REQUESTS")) == (Status.OK, 1)
+
+    @pytest.mark.parametrize("taken", [0, 1, 100, 209])
+    def test_a_request_that_is_given_up_is_not_mixed_with_the_next(self, built, taken: int) -> None:
+        here, given, next_ = built(SOLVE_14), system(5), system(6)
+        here.write("CONTROL", BIT["CONTROL.start"])
+        assert here.offer(given[:taken], last=-1) == taken
+        here.write("CONTROL", BIT["CONTROL.abort"])
+        here.write("CONTROL", BIT["CONTROL.start"])  # waits until the rest of the packet has been dropped
+        if taken:
+            assert here.offer(given[taken:]) == 210 - taken
+        assert here.read("ABORTED") == 1
+        assert here.read("STATUS") == Status.FAULT
+        assert here.offer(next_) == 210
+        assert np.array_equal(here.collect()[0], SOLVE_14.run(next_)[0])
+        assert (here.read("STATUS"), here.read("REQUESTS"), here.read("MALFORMED")) == (Status.OK, 1, 0)
+
+    def test_a_computation_is_given_up_and_a_result_that_leaves_is_not(self, built) -> None:
+        here, given = built(SOLVE_14), system(7)
+        here.write("CONTROL", BIT["CONTROL.start"])
+        here.offer(given)
+        here.wait(100)
+        here.write("CONTROL", BIT["CONTROL.abort"])
+        here.wait(4)
+        assert here.read("CONTROL") == BIT["CONTROL.done"] | BIT["CONTROL.idle"] | BIT["CONTROL.ready"]
+        assert here.read("ABORTED") == 1
+        here.write("CONTROL", BIT["CONTROL.start"])
+        here.offer(given)
+        here.wait(600)  # the result waits for its reader
+        here.write("CONTROL", BIT["CONTROL.abort"])
+        assert np.array_equal(here.collect()[0], SOLVE_14.run(given)[0])
+        assert (here.read("ABORTED"), here.read("REQUESTS")) == (1, 1)
+
+    def test_a_soft_reset_at_any_time_leaves_registers_as_after_a_reset_and_the_next_result_right(self, built) -> None:
+        here, given, next_ = built(SOLVE_14), system(8), system(9)
+        for clocks in (0, 1, 50, 209, 215, 300, 500, 560):
+            here.write("INTERRUPT_ENABLE", 3)
+            here.write("CONTROL", BIT["CONTROL.start"] | BIT["CONTROL.auto_restart"])
+            here.offer(given, clocks=clocks)
+            here.wait(max(clocks - 210, 0))
+            here.write("CONTROL", BIT["CONTROL.soft_reset"])
+            here.wait(1)
+            changing = [r.name for r in REGISTERS if r.name not in values(SOLVE_14)]
+            assert {name: here.read(name) for name in changing} == {
+                name: BIT["CONTROL.idle"] if name == "CONTROL" else 0 for name in changing
+            }
+            assert np.array_equal(here.run(next_), SOLVE_14.run(next_)[0])
+
+    @pytest.mark.parametrize("length", [1, 2, 3, 5, 8, 12])
+    def test_a_reset_of_any_length_at_any_clock_leaves_the_next_result_right(self, built, length: int) -> None:
+        here, random = built(SOLVE_14), np.random.default_rng(length)
+        for k in range(25):
+            given = system(k)
+            here.write("CONTROL", BIT["CONTROL.start"])
+            here.offer(given)
+            here.wait(int(random.integers(0, 345)))
+            here.reset(length)
+            again = system(100 + k)
+            assert np.array_equal(here.run(again), SOLVE_14.run(again)[0])
+            assert here.read("STATUS") == Status.OK
+
+    @pytest.mark.exam
+    @pytest.mark.parametrize("way", ["reset", "abort"])
+    def test_coefficients_that_came_in_part_are_not_used(self, built, way: str) -> None:
+        here, table = built(SUSPENSION_MOTION), tables()
+        words = np.random.default_rng(3).uniform(-1, 1, 12).astype(np.float32).view(np.uint32)
+        assert np.all(here.run(words) == 0x7FC00000)  # none came yet
+        assert here.read("STATUS") == Status.FAULT
+        here.write("MODE", BIT["MODE.table"])
+        here.write("CONTROL", BIT["CONTROL.start"])
+        assert here.offer(table[:564], last=-1) == 564
+        if way == "reset":
+            here.reset(1)
+        else:
+            here.write("CONTROL", BIT["CONTROL.abort"])
+            here.write("MODE", 0)
+            here.write("CONTROL", BIT["CONTROL.start"])
+            results = here.read("REQUESTS")
+            assert here.offer(table[564:]) == 12  # as many words as a request has
+            here.wait(400)
+            assert here.read("REQUESTS") == results
+            here.write("CONTROL", BIT["CONTROL.abort"])
+        here.write("MODE", 0)
+        assert np.all(here.run(words) == 0x7FC00000)
+        assert here.read("STATUS") == Status.FAULT
+        here.write("MODE", BIT["MODE.table"])
+        here.write("CONTROL", BIT["CONTROL.start"])
+        assert here.offer(table) == table.size
+        here.write("MODE", 0)
+        assert np.array_equal(here.run(words), SUSPENSION_MOTION.run(words, table)[0])
+        assert here.read("STATUS") == Status.OK

@@ -41,3 +41,23 @@ def test_every_special_number_in_every_place_of_a_system_gives_the_same_bits():
     expected, expected_refused = SOLVE_14.run(base)
     assert np.array_equal(found, expected)
     assert np.array_equal(refused, expected_refused)
+
+
+@pytest.mark.parametrize("zero", [0x80000000, 0, 0x80000001, 1], ids=["-0", "+0", "-subnormal", "+subnormal"])
+def test_zeros_of_sparse_systems_have_the_same_signs(zero):
+    random = np.random.default_rng(14)
+    matrices = [np.eye(14), np.diag(random.uniform(0.1, 9, 14)), np.kron(np.eye(7), [[2, 0.5], [0.5, 3]])]
+    matrices += [np.kron(np.eye(7), [[2, -0.5], [-0.5, 3]]), np.tril(np.ones((14, 14))), np.triu(np.ones((14, 14)))]
+    given = []
+    for matrix in matrices:
+        for _ in range(20):
+            right = random.choice([-1.0, 1.0], 14).astype(np.float32).view(np.uint32)
+            right[random.random(14) < 0.5] = zero
+            left = matrix.astype(np.float32).view(np.uint32)
+            left[(matrix == 0) & (random.random((14, 14)) < 0.5)] = zero
+            given.append(np.concatenate([left, right[:, None]], axis=1).reshape(-1))
+    given = np.array(given)
+    found, refused, _ = Rtl(SOLVE_14).run(given)
+    expected, expected_refused = SOLVE_14.run(given)
+    assert np.array_equal(found, expected)
+    assert np.array_equal(refused, expected_refused)

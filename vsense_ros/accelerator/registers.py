@@ -10,7 +10,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 from dataclasses import dataclass
 
-from vsense_ros.accelerator.frame import VERSION, Status
+from vsense_ros.accelerator.frame import Status
 from vsense_ros.accelerator.kernels import KERNELS, Kernel
 
 
@@ -49,30 +49,37 @@ REGISTERS = (
             Bits("idle", 2, 1, "no request is worked on"),
             Bits("ready", 3, 1, "the request was taken in; reading clears it"),
             Bits("auto_restart", 7, 1, "start again as soon as a request was taken in"),
+            Bits("abort", 16, 1, "write 1: give up the request that is taken in or computed"),
+            Bits("soft_reset", 17, 1, "write 1: as the reset of the hardware, but for this bus"),
         ),
     ),
     Register("GLOBAL_INTERRUPT", 0x04, "rw", "interrupts at all", (Bits("enable", 0, 1, "interrupts leave"),)),
     Register("INTERRUPT_ENABLE", 0x08, "rw", "which events interrupt", (DONE, READY)),
     Register("INTERRUPT_STATUS", 0x0C, "rt", "events since they were cleared by writing 1", (DONE, READY)),
     Register("KERNEL", 0x10, "ro", "number of the kernel, as in a frame"),
-    Register("MAP_VERSION", 0x14, "ro", "version of the frames and of this list"),
+    Register("MAP_VERSION", 0x14, "ro", "version of this list"),
     Register("SIZE", 0x18, "ro", "rows of a matrix, or 0"),
     Register("WORDS_IN", 0x1C, "ro", "of a request"),
     Register("WORDS_OUT", 0x20, "ro", "of a result"),
     Register("TABLE_WORDS", 0x24, "ro", "of coefficients, or 0"),
     Register("MODE", 0x28, "rw", "what the next start takes in", (Bits("table", 0, 1, "coefficients"),)),
-    Register("STATUS", 0x2C, "ro", "of the last result, as in a frame: 0 or 1 (a pivot was refused)"),
+    Register(
+        "STATUS", 0x2C, "ro", "of the last packet: 0, 1 pivot refused, 6 given up or no coefficients, 7 wrong length"
+    ),
     Register("COMPUTE_CYCLES", 0x30, "ro", "clocks of the last computation"),
     Register("LINK_CYCLES", 0x34, "ro", "clocks of the last request but those: words that came, left or were awaited"),
     Register("REQUESTS", 0x38, "ro", "results that have left since the reset"),
+    Register("ABORTED", 0x3C, "ro", "requests that were given up since the reset"),
+    Register("MALFORMED", 0x40, "ro", "packets of a wrong length since the reset"),
 )
-ADDRESS_BITS = 6
+ADDRESS_BITS = 7
+MAP_VERSION = 2  # 1 had no end of a packet, no abort and no soft reset
 
 
 def values(kernel: Kernel) -> dict[str, int]:
     """What the registers of a kernel read that never change."""
     return {
-        "KERNEL": kernel.number, "MAP_VERSION": VERSION, "SIZE": kernel.size, "WORDS_IN": kernel.words_in,
+        "KERNEL": kernel.number, "MAP_VERSION": MAP_VERSION, "SIZE": kernel.size, "WORDS_IN": kernel.words_in,
         "WORDS_OUT": kernel.words_out, "TABLE_WORDS": kernel.table_words,
     }  # fmt: skip
 
@@ -85,6 +92,7 @@ def systemverilog() -> str:
 def _package() -> Iterator[str]:
     yield "// Made by hw/registers.py from vsense_ros/accelerator/registers.py."
     yield "package register_map;"
+    yield f"  localparam int ADDRESS_BITS = {ADDRESS_BITS};"
     for register in REGISTERS:
         yield f"  localparam logic [{ADDRESS_BITS - 1}:0] {register.name} = {ADDRESS_BITS}'h{register.offset:02x};"
         for field in register.fields:
@@ -97,7 +105,12 @@ def _package() -> Iterator[str]:
         yield f"      default: {name.lower()}_of = 0;"
         yield "    endcase"
         yield "  endfunction"
-    yield f"  localparam int STATUS_OK = {Status.OK}, STATUS_PIVOT = {Status.PIVOT};"
+    for status in (Status.OK, Status.PIVOT, Status.FAULT, Status.WRONG_SIZE):
+        yield f"  localparam logic [2:0] STATUS_{status.name} = 3'd{status};"
+    yield "  // What `err` of a kernel means: a refused pivot, or no coefficients."
+    yield "  function automatic logic [2:0] refusal_of(input int number);"
+    yield "    refusal_of = (table_words_of(number) != 0) ? STATUS_FAULT : STATUS_PIVOT;"
+    yield "  endfunction"
     yield "endpackage"
 
 
