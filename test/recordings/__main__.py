@@ -15,9 +15,11 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any
 
-from recordings import conventions, formats, planted
+from recordings import conventions, formats, guessing, planted
 from recordings.cases import CASES
 from recordings.further_cases import FURTHER_CASES
+from recordings.known_buses import BUSES
+from recordings.known_logs import LOGS
 from vsense_ros.bag import read_bag, write_bag
 from vsense_ros.bag.importers import import_recording
 from vsense_ros.checks.inspect import inspect
@@ -94,6 +96,22 @@ def run_mends(clean: int) -> dict[str, Any]:
     }
 
 
+def run_guesses() -> dict[str, Any]:
+    """For how many logs a proposed mapping reads what was measured, and which it reads wrongly without a word."""
+    logs = LOGS | BUSES
+    found = []
+    with progress("proposed mappings") as done:
+        for verdict in guessing.verdicts(logs):
+            found.append(verdict)
+            done(len(found) / len(logs))
+    return {
+        "right": sum(verdict.right for verdict in found),
+        "n": len(found),
+        "silently_wrong": sum(verdict.silent for verdict in found),
+        "missed": [f"{verdict.name}: {verdict.why}" for verdict in found if not verdict.right],
+    }
+
+
 def run_formats(seconds: float) -> dict[str, dict[str, float]]:
     """How fast each format is read, of its own size, and how many messages or frames that is."""
     found: dict[str, dict[str, float]] = {}
@@ -151,6 +169,7 @@ def main() -> int:
         "cases": run_cases(),
         "planted": run_planted(arguments.clean),
         "mend": run_mends(arguments.clean),
+        "guess": run_guesses(),
         "formats": run_formats(arguments.seconds),
     }
     if arguments.dbc is not None:
@@ -171,6 +190,10 @@ def main() -> int:
         f"{mend['in_clean']} of {mend['clean']} clean drives mended"
     )
     for text in (*mend["missed"], *mend["harmed"]):
+        print(f"  {text}")
+    guess = found["guess"]
+    print(f"proposed mappings: {guess['right']} of {guess['n']} right, {guess['silently_wrong']} wrong without a word")
+    for text in guess["missed"]:
         print(f"  {text}")
     print(f"{'format':<26}{'MB/s':>8}{'µs/message':>12}")
     for name, speed in found["formats"].items():

@@ -24,7 +24,7 @@ QUANTITIES: Mapping[str, Mapping[str, float]] = MappingProxyType(
         "torque": {"N m": 1.0, "kN m": 1e3},
         "force": {"N": 1.0, "kN": 1e3},
         "pressure": {"Pa": 1.0, "kPa": 1e3, "MPa": 1e6, "bar": 1e5, "psi": 6894.757293168},
-        "time": {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9, "min": 60.0, "h": 3600.0, "d": 86_400.0},
+        "time": {"s": 1.0, "ms": 1e-3, "100us": 1e-4, "us": 1e-6, "ns": 1e-9, "min": 60.0, "h": 3600.0, "d": 86_400.0},
         "number": {"1": 1.0},
     }
 )

@@ -41,7 +41,7 @@ _ISO = re.compile(r"\d{4}-\d{2}-\d{2}[T ]\d{2}:\d{2}(:\d{2}([.,]\d+)?)?\s*(Z|[+-
 _CLOCK = re.compile(r"(\d{1,2}:)?\d{1,2}:\d{1,2}([.,]\d+)?")
 _ABSENT = ("", "-", "--", "n/a", "na", "nan", "null", "none", "*")
 _DATES = ("%d-%b-%Y", "%d.%m.%Y", "%d/%m/%Y", "%m/%d/%Y", "%Y/%m/%d", "%Y-%m-%d", "%b %d, %Y", "%d %b %Y")
-_HOURS = ("%H:%M:%S.%f", "%H:%M:%S", "%I:%M:%S.%f %p", "%I:%M:%S %p", "%H:%M")
+_HOURS = ("%H:%M:%S.%f", "%H:%M:%S", "%H:%M:%S:%f", "%I:%M:%S.%f %p", "%I:%M:%S %p", "%H:%M")
 # Forms of dates and times, as `datetime.strptime` has them, in the order in which they are tried.
 FORMATS = (
     *(f"{date} {hour}" for date in _DATES for hour in _HOURS),

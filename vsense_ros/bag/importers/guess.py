@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from io import StringIO
 from pathlib import Path
@@ -12,14 +11,14 @@ from typing import Any
 import numpy as np
 from ruamel.yaml import YAML
 
-from vsense_ros.bag.can_names import WHEEL_SIDES, likeness, side_keys
 from vsense_ros.bag.can_proposal import proposal
 from vsense_ros.bag.can_roles import recognize
 from vsense_ros.bag.can_survey import survey
 from vsense_ros.bag.importers import mapping as mapping_file
-from vsense_ros.bag.importers import mat, mdf4, text_table
+from vsense_ros.bag.importers import mat, mdf4, racelogic_vbo, text_table
 from vsense_ros.bag.importers.build import Array
 from vsense_ros.bag.importers.dialect import Dialect, dialect_of, rows_by_name, time_keys
+from vsense_ros.bag.importers.guess_names import Heading, heading, is_time, meanings
 from vsense_ros.bag.importers.guess_topics import topics_of
 from vsense_ros.bag.importers.long_table import LongTable
 from vsense_ros.checks.examination import findings
@@ -27,48 +26,14 @@ from vsense_ros.checks.finding import Finding, Kind, Turn
 from vsense_ros.checks.sentences import sentence
 from vsense_ros.errors import InputError
 from vsense_ros.messages import units
-from vsense_ros.messages.topics import TOPICS, WHEELS
+from vsense_ros.messages.topics import TOPICS
 
-_START = r"^(?:.*[ ._:])?"
-_END = r"(?:[ _]?\[.*|[ _]?\(.*|_?\d*)?$"
-# What a signal may be called, by topic and field: the first that fits, in this order.
-_ACC = r"(?:acc(?:el(?:eration)?)?|g[ _]?force)"
-_SIDES = {
-    "fl": "fl|vl|lf|front[ _]?left",
-    "fr": "fr|vr|rf|front[ _]?right",
-    "rl": "rl|hl|lr|rear[ _]?left",
-    "rr": "rr|hr|rear[ _]?right",
-}
-_WHEEL = r"(?:wheel|whl|rad|v|n|ws)?[ _]?(?:speed|spd)?[ _]?(?:{})(?:[ _]?(?:speed|spd))?"
-_STEERING = r"(?:steer(?:ing|ed)?[ _]?(?:wheel)?[ _]?(?:angle)?|lenk(?:rad)?winkel|swa|lwi)"
-_SPEED = r"(?:gps|gnss)?[ _]?(?:speed|velocity|sog|ground[ _]?speed|geschwindigkeit|v)"
-_YAW_RATE = (
-    r"(?:yaw(?:[ _]?(?:rate|velocity|speed))?|gierrate|psip|wz|gyro[ _]?(?:z|yaw)(?:[ _]?velocity)?|rate[ _]?z"
-    r"|omega[ _]?z)"
-)
-_ALONG = (
-    rf"(?:gps[ _]?)?(?:lon(?:g|gitudinal)?[ _]?{_ACC}|{_ACC}[ _]?(?:x|lon(?:g|gitudinal)?)|ax|a[ _]?long|a_x|g\(x\))"
-)
-_ASIDE = rf"(?:gps[ _]?)?(?:lat(?:eral)?[ _]?{_ACC}|{_ACC}[ _]?(?:y|lat(?:eral)?)|ay|a[ _]?lat|a_y|g\(y\))"
-_UPWARDS = rf"(?:vert(?:ical)?[ _]?{_ACC}|{_ACC}[ _]?(?:z|vert(?:ical)?)|az|a_z|g\(z\))"
-_NAMES: tuple[tuple[str, str, str], ...] = (
-    ("imu/data", "angular_velocity.2", _YAW_RATE),
-    ("imu/data", "linear_acceleration.0", _ALONG),
-    ("imu/data", "linear_acceleration.1", _ASIDE),
-    ("imu/data", "linear_acceleration.2", _UPWARDS),
-    ("gps/fix", "latitude", r"(?:gps|gnss)?[ _]?lat(?:itude)?"),
-    ("gps/fix", "longitude", r"(?:gps|gnss)?[ _]?lon(?:g|gitude)?"),
-    ("gps/fix", "altitude", r"(?:gps|gnss)?[ _]?(?:alt|altitude|height)"),
-    ("gps/velocity", "speed", _SPEED),
-    ("gps/velocity", "course", r"(?:gps|gnss)?[ _]?(?:course|heading|bearing|cog|track)"),
-    ("vehicle/steering", "position.steering_wheel", _STEERING),
-    ("vehicle/steering", "position.road_wheel_front", r"(?:road[ _]?wheel[ _]?angle|delta|df)"),
-    *(("vehicle/wheel_speeds", f"velocity.wheel_{wheel}", _WHEEL.format(_SIDES[wheel])) for wheel in WHEELS),
-)
-_TIME = re.compile(_START + r"(?:time|timestamp|zeit|t|utc|elapsed(?:[ _]time)?|seconds)" + _END, re.IGNORECASE)
+_NO_DATE = "no date in it: its times count from 1970 (key start of time)"
+UNIX = 1e8  # [s] from which on a time is one since 1970
 _BAGS = ("mcap", "rosbag1", "rosbag2")  # importers whose mapping is one of topics
 _MOST_TURNS = 3  # rounds of reversing signs, each of which may show another one
 _LEAST_FORCE, _IN_G = 0.3, (0.06, 0.2)  # [m/s²] of lateral acceleration that shows its unit, and its ratio in g
+_MOST_RADIANS = 2.0  # [rad/s] that a car turns at the most
 _RADIUS = 0.32  # [m] of a wheel whose speed is told at its rim
 
 
@@ -95,42 +60,27 @@ def guess(path: Path, dbc: Path | None = None) -> Proposal:
             raise InputError(f"{path}: a CAN log is frames of bytes; what they mean needs a database (--dbc FILE)")
         heard = survey(path, [dbc])
         return Proposal(proposal(heard, recognize(heard)), ())
-    content, columns, stated = _columns(path)
-    remarks: list[str] = []
+    source = _columns(path)
+    content, columns = source.content, source.columns
+    remarks = list(source.remarks)
     topics: dict[str, Any] = {}
-    taken: set[str] = set()
-    wheels = _wheels(columns)
-    for topic, field, pattern in _NAMES:
-        expression = re.compile(_START + pattern + _END, re.IGNORECASE)
-        name = next((name for name in columns if name not in taken and expression.match(name)), None)
-        if topic == "vehicle/wheel_speeds" and name is None:
-            name = wheels.get(field.removeprefix("velocity.wheel_"))
-        if name is None:
-            continue
-        taken.add(name)
-        signal = _signal(name, topic, field, stated.get(name, ""), columns[name], remarks)
+    taken = meanings(source.headings)
+    for (topic, field), name in taken.items():
+        signal = _signal(name, topic, field, source.headings[name].unit, columns[name], remarks)
         if signal is not None:
             _put(topics.setdefault(topic, {}), field, signal)
     _drop_halves(topics, remarks)
     if not topics:
         raise InputError(f"{path}: none of its columns has a name that is known; found: {', '.join(columns)[:600]}")
     content["topics"] = topics
+    _axes_without_gravity(topics, remarks)
+    _unit_of_rates(topics, columns, remarks)
     _unit_of_forces(content, columns, remarks)
     _turn_signs(path, content, remarks)
-    left = [name for name in columns if name not in taken]
+    left = [name for name in columns if name not in taken.values()]
     if left:
         remarks.append(f"not used: {', '.join(left[:20])}{' …' if len(left) > 20 else ''}")
     return Proposal(_yaml(content), tuple(remarks))
-
-
-def _wheels(columns: Mapping[str, Array]) -> dict[str, str]:
-    """Columns of the speeds of four wheels by wheel, if there are four whose names differ in the wheel alone."""
-    families: dict[tuple[int, str], dict[str, str]] = {}
-    for name in columns:
-        if likeness("wheel_speed", name, "") > 0:
-            for row, side, key in side_keys(name):
-                families.setdefault((row, key), {}).setdefault(side, name)
-    return next((family for family in families.values() if set(family) == set(WHEEL_SIDES)), {})
 
 
 def _of_bag(path: Path) -> Proposal:
@@ -160,34 +110,54 @@ def _yaml(content: Mapping[str, Any], *, in_lines: bool = False) -> str:
     return text.getvalue()
 
 
-def _columns(path: Path) -> tuple[dict[str, Any], dict[str, Array], dict[str, str]]:
-    """What a mapping has beside topics, the columns by name, and their stated units."""
+@dataclass(frozen=True)
+class _Source:
+    """What a mapping has beside topics, the columns by what a mapping calls them, their headings, and remarks."""
+
+    content: dict[str, Any]
+    columns: Mapping[str, Array]
+    headings: Mapping[str, Heading]
+    remarks: Sequence[str] = ()
+
+
+def _columns(path: Path) -> _Source:
+    """The columns of a table or a measurement file, and how a mapping reads them."""
     if mdf4.matches(path):
         found, stated = mdf4.channels(path)
-        return {}, found, stated
+        return _Source({}, found, _headings(found, stated))
     if mat.matches(path):
         found = mat.variables(path)
-        time = next((name for name in found if _TIME.match(name)), None)
+        time = next((name for name in found if is_time(name)), None)
         if time is None:
             raise InputError(f"{path}: no variable is named like a time; found: {', '.join(found)[:600]}")
         same = {name: values for name, values in found.items() if len(values) == len(found[time]) and name != time}
-        return {"time": {"column": time, "unit": "s"}}, same, {}
+        return _Source({"time": {"column": time, "unit": "s"}}, same, _headings(same, {}), (_NO_DATE,))
+    if racelogic_vbo.matches(path):
+        others, stated = racelogic_vbo.other_columns(path)
+        return _Source(
+            {}, others, _headings(others, stated), ("GNSS position and velocity are read without a mapping",)
+        )
     return _of_text(path)
 
 
-def _of_text(path: Path) -> tuple[dict[str, Any], dict[str, Array], dict[str, str]]:
-    """Likewise of a table of text, whatever its form."""
+def _headings(columns: Iterable[str], stated: Mapping[str, str]) -> dict[str, Heading]:
+    return {name: heading(name, stated.get(name, "")) for name in columns}
+
+
+def _of_text(path: Path) -> _Source:
+    """The columns of a table of text, whatever its form."""
     table = dialect_of(path)
     wanted = mapping_file.ColumnMapping.model_validate({**table.keys, "topics": {}})
     header, stated = text_table.read_header(path, wanted)
     names = [name if header.count(name) == 1 else str(index) for index, name in enumerate(header, 1)]
-    time, keys = _time_of(path, table, names, stated)
+    time, keys, remarks = _time_of(path, table, names, stated)
     content = {"time": {"column": int(time) if time.isdigit() else time, **keys}, **table.keys}
     if (rows := rows_by_name(table)) is not None:
         content["rows"] = rows
         long = LongTable(path, mapping_file.load({**content, "topics": {}}, path))
         units_of = {name: column.unit for name, column in long.signals.items()}
-        return content, {name: long.values(name) for name in long.signals}, units_of
+        columns = {name: long.values(name) for name in long.signals}
+        return _Source(content, columns, _headings(columns, units_of), remarks)
     found = {}
     for index, name in enumerate(names):
         if name != time and table.numbers(index) is not None:
@@ -197,21 +167,41 @@ def _of_text(path: Path) -> tuple[dict[str, Any], dict[str, Array], dict[str, st
             found[name] = text_table.read_table(path, one).column(mapping_file.Ref(ref)).values
     if not found:
         raise InputError(f"{path}: no column of numbers in it; its columns are {', '.join(header)[:600]}")
-    return content, found, dict(zip(names, stated, strict=True))
+    own = {name: heading(header[i], stated[i]) for i, name in enumerate(names) if name in found}
+    return _Source(content, found, own, remarks)
 
 
-def _time_of(path: Path, table: Dialect, names: Sequence[str], stated: Sequence[str]) -> tuple[str, dict[str, Any]]:
-    """The column of time, and what a mapping says of it: of several that are named so the one with the finest steps."""
+def _time_of(
+    path: Path, table: Dialect, names: Sequence[str], stated: Sequence[str]
+) -> tuple[str, dict[str, Any], list[str]]:
+    """The column of time, what a mapping says of it, and remarks: of several that are named so the one with the finest
+    steps, and of those one with a date."""
     found = []
     for index, name in enumerate(names[: len(table.header)]):
-        keys = time_keys(table, index, stated[index])
-        if keys is not None and (index == 0 or _TIME.match(table.header[index])):
-            named = bool(_TIME.match(table.header[index]))
-            found.append((named, len(set(table.cells(index))), -index, name, keys))
+        unit = heading(table.header[index], stated[index]).unit
+        keys = time_keys(table, index, unit)
+        named = is_time(table.header[index])
+        if keys is not None and (index == 0 or named):
+            found.append((named, len(set(table.cells(index))), _has_date(table, index, keys), -index, name, keys, unit))
     if not found:
         raise InputError(f"{path}: no column of times that go on; its columns are {', '.join(table.header)[:600]}")
-    *_, name, keys = max(found, key=lambda one: one[:3])
-    return name, keys
+    _, _, dated, _, name, keys, unit = max(found, key=lambda one: one[:4])
+    remarks = [] if dated else [_NO_DATE]
+    if keys["unit"] in ("s", "ms", "us", "100us") and not unit:
+        remarks.append(f"{name}: no unit is stated; {keys['unit']} by its name, its size and its steps")
+    return name, keys, remarks
+
+
+def _has_date(table: Dialect, index: int, keys: Mapping[str, Any]) -> bool:
+    """True if a column of times says on which day they are."""
+    if keys["unit"] == "iso" or "start" in keys:
+        return True
+    values = table.numbers(index)
+    return (
+        values is not None
+        and keys["unit"] in units.QUANTITIES["time"]
+        and bool(np.abs(values).max() * units.to_si(keys["unit"]) > UNIX)
+    )
 
 
 def _signal(name: str, topic: str, field: str, stated: str, values: Array, remarks: list[str]) -> dict[str, Any] | None:
@@ -234,10 +224,11 @@ def _signal(name: str, topic: str, field: str, stated: str, values: Array, remar
         "altitude": "m",
         "speed": "km/h" if largest > 90 else "m/s",
         "course": "deg" if largest > 7 else "rad",
-        "angular_velocity.2": "deg/s" if largest > 2 else "rad/s",
         "position.steering_wheel": "deg" if largest > 15 else "rad",
         "position.road_wheel_front": "deg" if largest > 1 else "rad",
     }.get(field)
+    if field.startswith("angular_velocity"):
+        guessed = "deg/s" if largest > _MOST_RADIANS else "rad/s"
     if guessed is None and field.startswith("linear_acceleration"):
         typical = float(np.median(np.abs(good)))
         in_g = (0.8 < typical < 1.2) if field.endswith("2") else largest < 1.6
@@ -271,6 +262,38 @@ def _drop_halves(topics: dict[str, Any], remarks: list[str]) -> None:
                 remarks.append("a speed without a course becomes vehicle/velocity")
 
 
+def _axes_without_gravity(topics: dict[str, Any], remarks: list[str]) -> None:
+    """Leave roll and pitch rates out where no accelerations of all axes show how the sensor's housing lies."""
+    imu = topics.get("imu/data", {})
+    rates, forces = imu.get("angular_velocity"), imu.get("linear_acceleration") or [None]
+    if rates is None or all(forces):
+        return
+    dropped = [str(signal["column"]) for signal in rates[:2] if signal is not None]
+    rates[:2] = [None, None]
+    if rates[2] is None:
+        imu.pop("angular_velocity")
+        if not imu:
+            topics.pop("imu/data")
+    if dropped:
+        remarks.append(
+            f"{', '.join(dropped)}: left out; without accelerations along all axes nothing shows how the sensor lies"
+        )
+
+
+def _unit_of_rates(topics: Mapping[str, Any], columns: Mapping[str, Array], remarks: list[str]) -> None:
+    """The unit of rates that state none: one for all axes, by the largest value of any."""
+    rates = [signal for signal in topics.get("imu/data", {}).get("angular_velocity") or [] if signal is not None]
+    bare = [signal for signal in rates if any(r.startswith(f"{signal['column']}: no unit") for r in remarks)]
+    if not bare:
+        return
+    largest = max(float(np.nanmax(np.abs(columns[str(signal["column"])]))) for signal in bare)
+    unit, why = ("deg/s" if largest > _MOST_RADIANS else "rad/s"), f"by the size of all axes (up to {largest:.4g})"
+    for signal in bare:
+        if signal["unit"] != unit:
+            signal["unit"] = unit
+            remarks.append(f"{signal['column']}: {unit}, {why}")
+
+
 def _turn_signs(path: Path, content: dict[str, Any], remarks: list[str]) -> None:
     """Reverse what the other sensors contradict."""
     from vsense_ros.bag.importers import import_recording
@@ -279,9 +302,10 @@ def _turn_signs(path: Path, content: dict[str, Any], remarks: list[str]) -> None
         found = findings(import_recording(path, mapping=content))
         turned = _turn_axes(content, found, remarks)
         for finding in found:
-            if finding.kind is not Kind.SIGN or not finding.signal or isinstance(finding.mend, Turn):
+            fields = content["topics"].get(finding.topic)
+            if finding.kind is not Kind.SIGN or not finding.signal or isinstance(finding.mend, Turn) or not fields:
                 continue
-            signal = _signal_of(content["topics"][finding.topic], finding.signal)
+            signal = _signal_of(fields, finding.signal)
             if signal is None or "sign" in signal:
                 continue
             signal["sign"] = -1

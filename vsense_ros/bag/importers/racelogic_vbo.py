@@ -32,6 +32,7 @@ _CREATED = re.compile(r"File created on (\d{1,2})/(\d{1,2})/(\d{4})(?:\s*@?\s*(\
 _KMH, _KNOT = 1.0 / 3.6, 1852.0 / 3600.0
 _DAY = 86_400.0  # [s]
 _USED = ("time", "lat", "long")
+_GNSS = (*_USED, "sats", "velocity", "heading", "height", "vert-vel")
 _NOT_ASCII = bytes(range(128, 256))
 _LONGEST_HEAD = 1 << 20  # [byte]
 
@@ -47,20 +48,8 @@ def matches(path: Path) -> bool:
 
 def read(path: Path, *, mapping: str | Path | Mapping[str, Any] | None = None) -> Recording:
     """GNSS position and velocity, and with a mapping the topics that it makes of the columns, by their names."""
-    data = path.read_bytes()
-    at = data.lower().find(b"[data]", 0, _LONGEST_HEAD)
-    if at < 0:
-        what = "the file is empty" if not data else "it has no section [data]"
-        raise InputError(f"{path}: not a VBO file: {what}")
-    head = data[:at].decode("cp1252", errors="replace")
-    names = ["long" if name == "lng" else name for name in _section(head, "column names").split()]  # as RaceBox has it
-    missing = [name for name in _USED if name not in names]
-    if missing:
-        raise InputError(
-            f"{path}: no column {missing[0]!r}; its section [column names] has: {', '.join(names) or 'nothing'}"
-        )
     notes: list[str] = []
-    table = _table(path, data[data.find(b"\n", at) + 1 :], names, notes)
+    head, names, table = _content(path, notes)
     seconds, base = _times(path, head, table["time"], notes)
     stamp = build.nanoseconds(seconds, base)
     channels = _gnss(path, table, stamp)
@@ -75,10 +64,35 @@ def read(path: Path, *, mapping: str | Path | Mapping[str, Any] | None = None) -
         more = recording_from(wanted, column, path.stem, NAME, base)
         channels |= more.channels
         notes += more.notes
-    rest = [name for name in names if name not in (*_USED, "sats", "velocity", "heading", "height", "vert-vel")]
+    rest = [name for name in names if name not in _GNSS]
     if rest and mapping is None:
         notes.append(f"columns that have no topic without a mapping: {', '.join(rest)}")
     return Recording(channels, path.stem, tuple(notes), 0, {"source": NAME})
+
+
+def other_columns(path: Path) -> tuple[dict[str, Array], dict[str, str]]:
+    """The columns that have no topic without a mapping, by name, and their units where the file states them."""
+    head, names, table = _content(path, [])
+    stated = _section(head, "channel units").split()  # of the channels that are no GNSS, which stand last
+    units = dict(zip(names[-len(stated) :], stated, strict=True)) if 0 < len(stated) <= len(names) else {}
+    return {name: table[name] for name in names if name not in _GNSS}, units
+
+
+def _content(path: Path, notes: list[str]) -> tuple[str, list[str], dict[str, Array]]:
+    """What stands above the data, the names of the columns, and the columns by name."""
+    data = path.read_bytes()
+    at = data.lower().find(b"[data]", 0, _LONGEST_HEAD)
+    if at < 0:
+        what = "the file is empty" if not data else "it has no section [data]"
+        raise InputError(f"{path}: not a VBO file: {what}")
+    head = data[:at].decode("cp1252", errors="replace")
+    names = ["long" if name == "lng" else name for name in _section(head, "column names").split()]  # as RaceBox has it
+    missing = [name for name in _USED if name not in names]
+    if missing:
+        raise InputError(
+            f"{path}: no column {missing[0]!r}; its section [column names] has: {', '.join(names) or 'nothing'}"
+        )
+    return head, names, _table(path, data[data.find(b"\n", at) + 1 :], names, notes)
 
 
 def _section(head: str, name: str) -> str:

@@ -194,10 +194,10 @@ class _Lines:
                 own = [cell if units.canonical(cell) else "" for cell in cells]
                 self.units = [*own, *[""] * len(self.header)][: len(self.header)]
                 self.start = file.tell()
-                # RaceChrono has another line below, which says where each column comes from.
+                # RaceChrono has another line below, which says where each column comes from, HP Tuners a heading.
                 before = self.line
                 text = self._next(file)
-                while text is not None and text.strip() and not self._has_number(text) and self.line - before < 3:
+                while text is not None and not self._has_number(text) and self.line - before < 3:
                     self.start, before = file.tell(), self.line
                     text = self._next(file)
                 self.line = before
