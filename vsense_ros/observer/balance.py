@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from math import exp, isfinite, pi
 
 import numpy as np
@@ -15,13 +16,14 @@ from vsense_ros.model.constants import GRAVITY
 from vsense_ros.model.coordinates import PITCH, ROLL, STEERING_OFFSET
 from vsense_ros.model.sensors import SensorBase
 from vsense_ros.model.vehicle import Vehicle
-from vsense_ros.observer.estimate import Estimate
-from vsense_ros.observer.state import DISTURB
+from vsense_ros.observer.estimate import Estimate, with_missing_forces
+from vsense_ros.observer.state import DISTURB, FORCE, FORWARD
 
 Array = NDArray[np.float64]
 
 CUTOFF = 2.0  # [Hz] above it a road shakes wheels and sensor each in its own way
 MEMORY = 5.0  # [s] over which the root mean square of what is over is told
+BLOCK = 256  # estimates that are compared at once
 LONGEST_GAP = 0.5  # [s] between estimates, or since the sensor was heard, after which all is forgotten
 _AT_REST = np.array([0.0, 0.0, 0.0, 0.0, 0.0, GRAVITY])  # what an axis that is absent would tell, about
 _TIME_CONSTANT = np.sqrt(np.sqrt(2) - 1) / (2 * pi * CUTOFF)  # [s] of each of two, which together have this cutoff
@@ -53,13 +55,16 @@ class Balance:
         self._heard = 0
         self._has = np.zeros(6, dtype=bool)  # the axes that it has
         self._complete = False  # True: it has all of them
-        self._told = np.zeros(6, dtype=bool)  # the sums that these tell
+        self._told = np.zeros(6, dtype=bool)  # the sums that these determine
+        self._comparable = False  # True: there is any
         self._stamp = 0  # of the newest estimate [ns]
         self._once, self._twice = np.zeros(14), np.zeros(14)
         self._square, self._since = np.zeros(6), 0.0
+        self._waiting: list[tuple[Estimate, Array]] = []  # estimates that are not compared yet, and readings
 
     def forget(self) -> None:
         """The filter begins anew: no reading has come yet."""
+        self.settle()
         self._value, self._stamp = None, 0
 
     def measured(self, event: Event) -> None:
@@ -72,8 +77,9 @@ class Balance:
             return
         has = np.isfinite(event.value)
         if silent and (has != self._has).any():
+            self.settle()
             self._has, self._told = has, self._tells(has)
-            self._complete = bool(has.all())
+            self._complete, self._comparable = bool(has.all()), bool(self._told.any())
         if not (self._has & ~has).any():
             self._heard, self._value = event.stamp, np.where(self._has, event.value, _AT_REST)
 
@@ -84,39 +90,79 @@ class Balance:
         about = rates & [forces[1], forces[0], True]  # a force at cog makes a moment about the road
         return np.concatenate([forces, about])
 
-    def residual(self, e: Estimate) -> Array:
-        """Force [N] and moment [N m] of the tyres beyond those that the motion asks for, (6,) as `CarBalance`."""
-        if self._value is None or not self._told.any() or abs(e.stamp - self._heard) > LONGEST_GAP * 1e9:
+    def compare(self, estimate: Estimate) -> None:
+        """Compare an estimate with the newest reading; its `unbalanced` is filled by the next `settle`."""
+        if self._value is None or not self._comparable or abs(estimate.stamp - self._heard) > LONGEST_GAP * 1e9:
+            self.settle()
             self._stamp = 0
-            return np.full(6, np.nan)
-        now = np.empty(14)
-        now[:3], now[3:6] = self._to_car @ self._value[:3], self._to_car @ self._value[3:6]
-        now[6:12] = self._car.of_tyres(e.wheels, e.inputs[0] - e.state[DISTURB.start + STEERING_OFFSET])
-        now[12], now[13] = e.state[ROLL], e.state[PITCH]
-        passed = (e.stamp - self._stamp) * 1e-9
-        if not 0 <= passed < LONGEST_GAP:
-            self._once[:] = self._twice[:] = now
-            self._square[:], self._since, passed = 0.0, 0.0, 0.0
-        self._stamp = e.stamp
-        share = 1 - exp(-passed / _TIME_CONSTANT)
-        self._once += share * (now - self._once)
-        self._twice += share * (self._once - self._twice)
-        low = self._twice
-        rates, turning = low[:3], (self._once[:3] - low[:3]) / _TIME_CONSTANT
+            return
+        self._waiting.append((estimate, self._value))
+        if len(self._waiting) == BLOCK:
+            self.settle()
+
+    def settle(self) -> None:
+        """Fill `unbalanced` of all estimates that wait for it, as `CarBalance` defines it.
+
+        Many are compared for little more than one costs: only the low-pass filters go on from one to the next.
+        """
+        if not self._waiting:
+            return
+        estimates = [estimate for estimate, _ in self._waiting]
+        now = self._signals(estimates, np.array([reading for _, reading in self._waiting]))
+        self._waiting.clear()
+        once, low, passed = self._low_passed([e.stamp for e in estimates], now)
+        rates, turning = low[:, :3], (once[:, :3] - low[:, :3]) / _TIME_CONSTANT
         # The lever arm's tangential and centripetal parts, ω × (ω × r) = ω (ω · r) - r ω².
-        force = low[3:6] + self._by_turning @ turning - rates * (rates @ self._arm) + self._arm * (rates @ rates)
-        speed = e.velocity[0]
-        found = low[6:12] - self._car.of_motion(force, turning, low[12], low[13], speed)
-        self._since += passed
-        self._square += (1 - exp(-passed / MEMORY)) * (self._car.shares(found) ** 2 - self._square)
-        if not self._told.all():
-            found[~self._told] = np.nan
-        return found
+        force = low[:, 3:6] + turning @ self._by_turning.T - rates * (rates @ self._arm)[:, None]
+        force += self._arm * np.sum(rates**2, axis=1)[:, None]
+        speed = np.array([e.state.item(FORWARD) for e in estimates])
+        residual = low[:, 6:12] - self._car.of_motion(force, turning, low[:, 12], low[:, 13], speed)
+        for square, time in zip(self._car.shares(residual) ** 2, passed, strict=True):
+            if time is None:
+                self._square[:], self._since, time = 0.0, 0.0, 0.0
+            self._since += time
+            self._square += (1 - exp(-time / MEMORY)) * (square - self._square)
+        residual[:, ~self._told] = np.nan
+        for estimate, row in zip(estimates, residual, strict=True):
+            estimate.unbalanced[:] = row
+
+    def _signals(self, estimates: Sequence[Estimate], readings: Array) -> Array:
+        """What is low-passed of n estimates and the readings beside them (n, 6): rates and specific force in the axes
+        of the car, force and moment of the tyres, roll and pitch, (n, 14)."""
+        names = ("model_wheels", "state", "inputs", "longitudinal_shares", "axle_distances")
+        model_wheels, state, inputs, shares, distances = (np.array([getattr(e, n) for e in estimates]) for n in names)
+        steering = inputs[:, 0] - state[:, DISTURB.start + STEERING_OFFSET]
+        wheels = with_missing_forces(model_wheels, state[:, FORCE], steering, shares, distances)
+        now = np.empty((len(estimates), 14))
+        now[:, :3], now[:, 3:6] = readings[:, :3] @ self._to_car.T, readings[:, 3:] @ self._to_car.T
+        now[:, 6:12] = self._car.of_tyres(wheels, steering)
+        now[:, 12], now[:, 13] = state[:, ROLL], state[:, PITCH]
+        return now
+
+    def _low_passed(self, stamps: Sequence[int], now: Array) -> tuple[Array, Array, list[float | None]]:
+        """Signals (n, 14) after one and after both low-pass filters, and the time since the one before [s]; None where
+        the filters began anew."""
+        once, twice = np.empty_like(now), np.empty_like(now)
+        times: list[float | None] = []
+        for i, (stamp, signals) in enumerate(zip(stamps, now, strict=True)):
+            passed = (stamp - self._stamp) * 1e-9
+            self._stamp = stamp
+            if 0 <= passed < LONGEST_GAP:
+                share = 1 - exp(-passed / _TIME_CONSTANT)
+                self._once += share * (signals - self._once)
+                self._twice += share * (self._once - self._twice)
+                times.append(passed)
+            else:
+                self._once[:] = self._twice[:] = signals
+                times.append(None)
+            once[i], twice[i] = self._once, self._twice
+        return once, twice, times
 
     def diagnostic(self) -> Diagnostic:
         """One line on how well the forces have added up in the last `MEMORY`."""
+        self.settle()
         if not self._stamp or not self._since:
-            nothing = self._value is not None and not self._told.any()
+            nothing = self._value is not None and not self._comparable
             text = f"not compared: {self.sensor} lacks the axes" if nothing else "nothing to compare yet"
             return Diagnostic("balance of forces", Level.OK, text)
         # Until as much time has passed, the mean is of that time alone.

@@ -227,9 +227,8 @@ class Estimate:
         """Forces and slips as Car.wheel_outputs, corrected by the longitudinal and lateral force that the model lacks,
         (7, 4)."""
         steering, force = self.inputs[..., 0] - self.state[..., DISTURB.start + STEERING_OFFSET], self.state[..., FORCE]
-        wheels = with_lateral_error(self.model_wheels, force, steering, self.axle_distances)
-        wheels[..., FORCE_X, :] += longitudinal_part(self.longitudinal_shares, steering) * force[..., X, None]
-        return wheels
+        shares = self.longitudinal_shares
+        return with_missing_forces(self.model_wheels, force, steering, shares, self.axle_distances)
 
     @property
     def wheel_torques(self) -> Array:
@@ -297,6 +296,16 @@ def stacked(estimates: Sequence[Estimate]) -> Estimate:
         elif f.name.endswith("slopes"):
             arrays[f.name] = tuple(np.array(part) for part in zip(*every, strict=True))
     return replace(first, **arrays)
+
+
+def with_missing_forces(
+    wheels: Array, force: Array, steering: Array | float, shares: Array, axle_distances: Array
+) -> Array:
+    """Outputs of the wheels (…, 7, 4) as the model has them, with the longitudinal and the lateral force that it lacks:
+    arguments as of `with_lateral_error` and `longitudinal_part`."""
+    corrected = with_lateral_error(wheels, force, steering, axle_distances)
+    corrected[..., FORCE_X, :] += longitudinal_part(shares, steering) * force[..., X, None]
+    return corrected
 
 
 def with_lateral_error(wheels: Array, force: Array, steering: Array | float, axle_distances: Array) -> Array:

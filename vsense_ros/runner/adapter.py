@@ -266,6 +266,9 @@ class Adapter(ABC):
     def watch(self, snapshot: Any, converged: Callable[[], bool]) -> None:  # noqa: B027
         """Look at a newest state for what diagnostics report."""
 
+    def complete(self) -> None:  # noqa: B027
+        """Fill in what states that were looked at still lack, because it is computed for many at once."""
+
     @abstractmethod
     def messages(self, snapshot: Any) -> list[Sample]:
         """One state as the messages of the output topics."""

@@ -256,13 +256,18 @@ class CarAdapter(Adapter):
             self.filter.set_element(element, float(mean[element]), float(np.hypot(deviation[element], change)))
 
     def watch(self, snapshot: Any, converged: Callable[[], bool]) -> None:
-        snapshot.unbalanced[:] = self.balance.residual(snapshot)
+        self.balance.compare(snapshot)
         self.tilt.look(snapshot.stamp, converged)
 
+    def complete(self) -> None:
+        self.balance.settle()
+
     def messages(self, snapshot: Estimate) -> list[Sample]:
+        self.complete()
         return estimate_samples(snapshot)
 
     def columns(self, snapshots: Sequence[Estimate]) -> list[Sample]:
+        self.complete()
         return estimate_samples(stacked(snapshots))
 
     def parameters(self, snapshot: Estimate) -> dict[str, tuple[float, float]]:

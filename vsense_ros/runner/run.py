@@ -62,7 +62,7 @@ def run(
         runner.add(sample)
         times.append(time.perf_counter() - before)
         if runner.started and runner.stamp >= last + interval:
-            last, newest = runner.stamp, runner.snapshot()
+            last, newest = runner.stamp, runner.incomplete_snapshot()
             if runner.started:
                 collected.add(newest)
         if progress is not None and i % 500 == 0:

@@ -403,6 +403,12 @@ class Runner:
     def snapshot(self) -> Any:
         """The newest state in terms of the car: an `Estimate`, or a `Snapshot` of a filter of GNSS and inertial
         sensors."""
+        newest = self.incomplete_snapshot()
+        self.adapter.complete()
+        return newest
+
+    def incomplete_snapshot(self) -> Any:
+        """As `snapshot`, for one of many states that `Adapter.columns` will complete at once."""
         self._timeline.catch_up()
         if self.started and not self.filter.is_valid():
             self._recover()
