@@ -42,6 +42,9 @@ class Gyro:
         if "stated" in values:
             variance[:] = values["stated"][:2]
 
+    def read_rows(self, names: tuple[str, ...], columns: Mapping[str, Array], value: Array, variance: Array) -> None:
+        value[:] = columns["vector"][:, :2]
+
 
 def message(
     time: float, value: tuple[float, float] = (0.1, 0.2), *, arrival: float | None = None, **changes: object

@@ -9,7 +9,8 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
-from vsense_ros.estimation.reading import Map
+from vsense_ros.estimation.reading import Map, Reader
+from vsense_ros.messages.recording import FIELDS, Channel
 from vsense_ros.messages.topics import INPUTS as TOPICS
 from vsense_ros.model import sensors
 from vsense_ros.model.coordinates import INPUTS
@@ -50,6 +51,32 @@ def test_signals_of_all_kinds_have_names_of_their_own():
 def test_no_two_kinds_drive_the_same_input():
     inputs = [i for kind in KINDS.values() if kind.inputs is not None for i in range(len(INPUTS))[kind.inputs]]
     assert sorted(inputs) == list(range(len(INPUTS)))
+
+
+@pytest.mark.parametrize("strange", [(), (np.nan,), (np.nan, -1.0, 2e7, 0.0)], ids=["clean", "absent", "strange"])
+@pytest.mark.parametrize("varying", [False, True], ids=["constant", "varying"])
+@pytest.mark.parametrize("sensor", KNOWN)
+def test_a_channel_read_in_blocks_is_what_its_messages_are_one_by_one(
+    sensor: SensorBase, varying: bool, strange: tuple[float, ...]
+):
+    """Covariances that change, and numbers that are none, in a tenth of all fields."""
+    random, count = np.random.default_rng(3), 200
+    names = sensor.joints or ("steering_wheel",)
+    columns = {}
+    for field, length in FIELDS[sensor.message].items():
+        fixed = "covariance" in field and not varying
+        column = random.uniform(0.1, 0.3, (1 if fixed else count, length or len(names)))
+        column = np.repeat(column, count, axis=0) if fixed else column
+        if strange and not fixed:
+            column = np.where(random.random(column.shape) < 0.1, random.choice(strange, column.shape), column)
+        columns[field] = column
+    stamps = np.arange(count) * 10_000_000
+    channel = Channel("topic", sensor.message, stamps, stamps, columns, sensor.frame_id, names)
+    one_by_one, in_blocks = (Reader(0, sensor, Map(ORIGIN)) for _ in range(2))
+    expected = [one_by_one.read(sample) for sample in channel]
+    found = list(in_blocks.read_channel(channel))
+    assert [repr(one) for one in found] == [repr(one) for one in expected]
+    assert any(not isinstance(one, str) for one in found)
 
 
 @pytest.mark.parametrize("sensor", MEASURING)

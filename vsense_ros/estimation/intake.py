@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from enum import Enum, auto
 from math import isfinite
 from typing import Generic, TypeVar
@@ -14,7 +14,7 @@ from vsense_ros.estimation.reading import Map, Reader
 from vsense_ros.estimation.sensor_noise import SensorNoise
 from vsense_ros.estimation.source import Source
 from vsense_ros.estimation.timeline import Event
-from vsense_ros.messages.recording import Sample
+from vsense_ros.messages.recording import Channel, Sample
 
 LONGEST_GAP = 5.0  # [s] without any measurement after which a filter starts anew
 FROZEN = 50  # equal messages in a row: noise makes two unlikely and so many impossible
@@ -60,12 +60,19 @@ class Intake(Generic[Sensor]):
 
     def read(self, index: int, sample: Sample) -> Event | None:
         """The measurement in a message of a sensor, if it can be true and is new."""
+        return self.examine(index, sample.stamp, sample.received, self._readers[index].read(sample))
+
+    def read_channel(self, index: int, channel: Channel) -> Iterator[Event | str]:
+        """What is read of each message of a sensor's channel, for `examine`: a measurement, or why there is none."""
+        return self._readers[index].read_channel(channel)
+
+    def examine(self, index: int, stamp: int, received: int | None, event: Event | str) -> Event | None:
+        """What was read of a message with a stamp and a time of arrival [ns], if it can be true and is new."""
         health = self.health[index]
-        health.receive(self._arrival(sample), self.sensors[index])
-        event = self._readers[index].read(sample)
+        health.receive(self._arrival(stamp, received), self.sensors[index])
         if not isinstance(event, Event):
             self.refuse(index, event)
-        elif sample.stamp <= health.last_stamp and sample.stamp in health.stamps:
+        elif stamp <= health.last_stamp and stamp in health.stamps:
             self.refuse(index, "stamp repeated")
         elif self._frozen(index, event):
             self.refuse(index, "value frozen")
@@ -116,11 +123,11 @@ class Intake(Generic[Sensor]):
         together.clear()
         return Event(index, stamp, mean, variances.max(axis=0))
 
-    def _arrival(self, sample: Sample) -> int:
-        """When a message arrived; where it does not tell, its stamp, as far as that goes on with the others."""
-        received, newest = sample.received, self.newest_arrival
+    def _arrival(self, stamp: int, received: int | None) -> int:
+        """When a message arrived; where that is not known, its stamp, as far as that goes on with the others."""
+        newest = self.newest_arrival
         if received is None:
-            received = min(sample.stamp, newest + _ARRIVAL_STEP) if newest else sample.stamp
+            received = min(stamp, newest + _ARRIVAL_STEP) if newest else stamp
         self._silence = received - newest
         self.newest_arrival = max(newest, received)
         return received

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from functools import lru_cache, partial
 
 import numpy as np
@@ -11,12 +11,14 @@ from numpy.typing import NDArray
 
 from vsense_ros.estimation.source import Source
 from vsense_ros.estimation.timeline import Event
-from vsense_ros.messages.recording import Recording, Sample
+from vsense_ros.messages.recording import Channel, Recording, Sample
 
 Array = NDArray[np.float64]
 
 _LARGEST_VALUE = 1e7  # no quantity here is larger in SI units
 _HEIGHTS = -500.0, 9000.0  # [m] of roads, with a margin
+BLOCK = 4096  # messages of a recording that are read at once
+UNUSABLE = "no usable number in the message"
 _NOWHERE = 1e-3  # [deg] from latitude and longitude 0, where receivers are that know nothing
 
 
@@ -68,8 +70,8 @@ class Reader:
         self._variance = self._usual.copy()  # of the message that is read
         self._latency = int(sensor.latency * 1e9)
         # Most messages state the same variance as others before them.
-        least = self._usual * sensor.least_stated**2
-        self._believed = lru_cache(maxsize=64)(partial(_believed, least=least, usual=self._usual))
+        self._least = self._usual * sensor.least_stated**2
+        self._believed = lru_cache(maxsize=64)(partial(_believed, least=self._least, usual=self._usual))
 
     def noise(self, variance: Array) -> str:
         """In words, the standard deviations that count with a measurement that has these variances (m,), and whose
@@ -79,12 +81,49 @@ class Reader:
             return ""
         return f"{of_file}, of the vehicle file" if stated == of_file else f"{stated}, of its messages; file {of_file}"
 
+    def read_channel(self, channel: Channel) -> Iterator[Event | str]:
+        """What `read` makes of each message of a channel, where nothing depends on other sensors in blocks of them."""
+        if self._geodetic or self._unexpected(channel):
+            yield from map(self.read, channel)
+            return
+        for first in range(0, len(channel), BLOCK):
+            yield from self._read_block(channel.select(slice(first, first + BLOCK)))
+
+    def _read_block(self, block: Channel) -> Iterable[Event | str]:
+        """Measurements of the messages of a channel, which are of the kind and the frame that are expected."""
+        value = np.empty((len(block), len(self._usual)))
+        variance = np.tile(self._usual, (len(block), 1))
+        try:
+            self._sensor.read_rows(block.names, block.columns, value, variance)
+        except (KeyError, IndexError, ValueError):
+            return map(self.read, block)
+        if self._offsets is not None:
+            value -= self._offsets
+        variance = np.where(variance < self._least, self._usual, variance)
+        with np.errstate(invalid="ignore"):
+            is_number = variance < _LARGEST_VALUE**2
+            known = is_number & (np.abs(value) < _LARGEST_VALUE)
+        variance[~is_number] = 1.0
+        value[~known] = np.nan
+        stamps = (block.stamp - self._latency).tolist()
+        usable = np.any(known, axis=1).tolist()
+        return (
+            Event(self._index, *row) if usable_row else UNUSABLE
+            for usable_row, *row in zip(usable, stamps, value, variance, strict=True)
+        )
+
+    def _unexpected(self, message: Sample | Channel) -> str:
+        """What is not as expected in the kind or the frame of a message, or of all of a channel; empty for nothing."""
+        if message.kind != self._message:
+            return f"message type {message.kind}, expected {self._message}"
+        if message.frame_id != self._frame and self._frame and message.frame_id:
+            return f"frame_id {message.frame_id!r}, expected {self._frame!r}"
+        return ""
+
     def read(self, sample: Sample) -> Event | str:
         """The measurement in a message, or why there is none."""
-        if sample.kind != self._message:
-            return f"message type {sample.kind}, expected {self._message}"
-        if sample.frame_id != self._frame and self._frame and sample.frame_id:
-            return f"frame_id {sample.frame_id!r}, expected {self._frame!r}"
+        if unexpected := self._unexpected(sample):
+            return unexpected
         stated = self._variance
         stated[:] = self._usual
         value = np.empty(len(stated))
@@ -104,7 +143,7 @@ class Reader:
                 known &= is_number
             value[~known] = np.nan
             if not known.any():
-                return "no usable number in the message"
+                return UNUSABLE
         return Event(self._index, sample.stamp - self._latency, value, variance)
 
 

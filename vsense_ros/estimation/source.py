@@ -42,3 +42,6 @@ class Source(Protocol):
 
     def read(self, names: tuple[str, ...], values: Mapping[str, Array], value: Array, variance: Array) -> None:
         """Write the measurement (m,) of a message, and the variances (m,) if it states some."""
+
+    def read_rows(self, names: tuple[str, ...], columns: Mapping[str, Array], value: Array, variance: Array) -> None:
+        """As `read`, of n messages at once: columns (n, length), `value` and `variance` (n, m)."""

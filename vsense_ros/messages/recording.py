@@ -7,11 +7,11 @@ integer nanoseconds since the Unix epoch.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from hashlib import sha256
 from types import MappingProxyType
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -23,6 +23,8 @@ if TYPE_CHECKING:
     import pandas
     import polars
     import xarray
+
+T = TypeVar("T")
 
 # Fields of each message type that carry numbers, with their length; 0 stands for "as many as `names`",
 # where an empty array says that the message does not carry the field.
@@ -268,10 +270,14 @@ class Recording:
     def samples(self, topics: tuple[str, ...] | None = None) -> Iterator[Sample]:
         """All messages in order of arrival, ties in the order of the channels."""
         chosen = [c.in_order() for topic, c in self.channels.items() if topics is None or topic in topics]
-        if not chosen:
-            return
-        received = np.concatenate([c.received for c in chosen])
-        source = np.repeat(np.arange(len(chosen)), [len(c) for c in chosen])
-        streams = [iter(c) for c in chosen]
-        for index in source[np.argsort(received, kind="stable")].tolist():
-            yield next(streams[index])
+        return by_arrival([c.received for c in chosen], [iter(c) for c in chosen])
+
+
+def by_arrival(received: Sequence[NDArray[np.int64]], streams: Sequence[Iterator[T]]) -> Iterator[T]:
+    """What streams give, in order of arrival, ties in the order of the streams; `received` are ascending times of
+    arrival [ns], as many as each stream gives."""
+    if not streams:
+        return
+    source = np.repeat(np.arange(len(streams)), [len(times) for times in received])
+    for index in source[np.argsort(np.concatenate(received), kind="stable")].tolist():
+        yield next(streams[index])

@@ -66,6 +66,12 @@ class Process(NamedTuple):
         return cls(numbers[:size], numbers[size : 2 * size], numbers[2 * size :])
 
 
+def step_length(h: float) -> int:
+    """Length of a step of `h` [s] in units of 10 µs, 1 at least, by which processes are kept: a thousandth of a step
+    changes less than the settings are known to."""
+    return max(round(h * 1e5), 1)
+
+
 class CarMemory:
     """The state, covariance and last linearisation of one vehicle with one set of sensors.
 
@@ -158,11 +164,9 @@ class CarMemory:
         return Process.of(self.processes(h)[self.brakes])
 
     def processes(self, h: float) -> Array:
-        """The numbers of the process within `h` [s] with brakes that are released, and that may act, (2, size).
-
-        Kept for steps of equal length to 10 µs: a thousandth of a step changes less than the settings are known to.
-        """
-        length = max(round(h * 1e5), 1)
+        """The numbers of the process within `h` [s] with brakes that are released, and that may act, (2, size), kept
+        for steps of equal length."""
+        length = step_length(h)
         known = self._processes.get(length)
         if known is None:
             known = np.array([self._numbers(length * 1e-5, brakes) for brakes in (RELEASED, BRAKING)])

@@ -16,6 +16,7 @@ from vsense_ros.model.vehicle import Vehicle
 from vsense_ros.observer.estimate import BALANCE
 from vsense_ros.runner.adapter import Adapter, MakeFilter
 from vsense_ros.runner.catalogue import every_filter
+from vsense_ros.runner.playing import play
 from vsense_ros.runner.runner import Runner
 
 BLOCK = 256  # states that are made into columns at once: some ten megabytes
@@ -56,10 +57,8 @@ def run(
     collected = Collected(runner.adapter)
     times: list[float] = []
     last = 0
-    began = time.perf_counter()
-    for i, sample in enumerate(recording.samples(present)):
-        before = time.perf_counter()
-        runner.add(sample)
+    before = began = time.perf_counter()
+    for i, _ in enumerate(play(runner, recording, present)):
         times.append(time.perf_counter() - before)
         if runner.started and runner.stamp >= last + interval:
             last, newest = runner.stamp, runner.incomplete_snapshot()
@@ -67,6 +66,7 @@ def run(
                 collected.add(newest)
         if progress is not None and i % 500 == 0:
             progress(i / total)
+        before = time.perf_counter()
     elapsed = time.perf_counter() - began
     if not collected.count:
         raise never_started(recording, runner)

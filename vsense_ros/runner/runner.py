@@ -72,7 +72,7 @@ class Runner:
         self.faults = self.restarts = 0
         self._started_at = 0
         self._on_innovation = on_innovation
-        self._by_topic = by_topic(tuple(self.sensors.values()))
+        self.listeners = by_topic(tuple(self.sensors.values()))
         settings, adapter = vehicle.observer, self.adapter
         self.intake = Intake(self.sensors, Map(map_origin), settings.history, self._is_moving, adapter.merge)
         self.health = self.intake.health
@@ -145,21 +145,24 @@ class Runner:
 
     def add(self, sample: Sample) -> None:
         """Use a message of any topic; messages of unknown topics are ignored. Never raises for bad content."""
-        for index in self._by_topic.get(sample.topic, ()):
-            event = self.intake.read(index, sample)
-            if event is None:
-                self._look_for_frozen(index)
-                continue
-            event = self.adapter.timed(event)
+        for index in self.listeners.get(sample.topic, ()):
+            self.take(index, sample.stamp, self.intake.read(index, sample))
+
+    def take(self, index: int, stamp: int, event: Event | None) -> None:
+        """Use what the intake made of a message with a stamp [ns]."""
+        if event is None:
+            self._look_for_frozen(index)
+            return
+        event = self.adapter.timed(event)
+        if self.started:
+            self._use(event, stamp)
+            return
+        self.intake.believe(index, stamp)
+        for held, its_stamp in self.intake.hold(event, stamp):
             if self.started:
-                self._use(event, sample.stamp)
+                self._use(held, its_stamp)
             else:
-                self.intake.believe(index, sample.stamp)
-                for held, stamp in self.intake.hold(event, sample.stamp):
-                    if self.started:
-                        self._use(held, stamp)
-                    else:
-                        self.gather(held)
+                self.gather(held)
 
     def _use(self, event: Event, stamp: int) -> None:
         """Let the filter that has started have a reading of a message with a stamp [ns], if that can be true."""
@@ -208,7 +211,7 @@ class Runner:
         """The readings in the messages of a whole recording that can be true, in the order of their measurement."""
         found = []
         for sample in samples:
-            for index in self._by_topic.get(sample.topic, ()):
+            for index in self.listeners.get(sample.topic, ()):
                 event = self.intake.read(index, sample)
                 if event is not None:
                     self.intake.believe(index, sample.stamp)

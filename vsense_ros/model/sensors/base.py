@@ -273,6 +273,11 @@ class SensorBase(Part):
         """Fill `out` (m,) and `variance` (m,) from the fields of a message; NaN marks an absent component."""
         raise NotImplementedError
 
+    def read_rows(self, names: Names, columns: Values, out: Vector, variance: Vector) -> None:
+        """As `read`, of n messages at once: columns (n, length), `out` (n, m) and `variance` (n, m)."""
+        for i in range(len(out)):
+            self.read(names, {field: column[i] for field, column in columns.items()}, out[i], variance[i])
+
     def equation(self, motion: Motion, biases: ca.SX, mounting: ca.SX) -> ca.SX:
         """What the sensor would measure, (m,), as a function of a `Motion`."""
         raise NotImplementedError
@@ -335,6 +340,9 @@ class JointSensor(SensorBase):
 
     def read(self, names: Names, values: Values, out: Vector, variance: Vector) -> None:
         by_name(names, self.joints, values.get(self.field), out)
+
+    def read_rows(self, names: Names, columns: Values, out: Vector, variance: Vector) -> None:
+        self.read(names, {field: column.T for field, column in columns.items()}, out.T, variance.T)
 
     def simulated(self, drive: SimulatedDrive) -> Content:
         value = drive.truth if self.is_input else self.disturbed(drive)

@@ -139,6 +139,18 @@ class Imu(SensorBase):
             if self.noise_from_message and diagonal is not None:
                 variance[part] = diagonal
 
+    def read_rows(self, names: Names, columns: Values, out: Vector, variance: Vector) -> None:
+        covariances = [(part, columns[field]) for part, field in _COVARIANCES if field in columns]
+        if not all((stated == stated[0]).all() for _, stated in covariances):
+            super().read_rows(names, columns, out, variance)
+            return
+        self.read(names, {field: column[0] for field, column in columns.items()}, out[0], variance[0])
+        variance[:] = variance[0]
+        out[:, RATES], out[:, FORCES] = columns["angular_velocity"], columns["linear_acceleration"]
+        for part, stated in covariances:
+            if stated.shape[1] and stated[0, 0] == -1:
+                out[:, part] = np.nan
+
     def equation(self, motion: Motion, biases: ca.SX, mounting: ca.SX) -> ca.SX:
         return equation(motion, biases, mounting)
 

@@ -49,6 +49,16 @@ class Steering(SensorBase):
         return np.zeros(1)
 
     def read(self, names: Names, values: Values, out: Vector, variance: Vector) -> None:
+        self._read_angle(names, values, out)
+        if abs(out[0]) > self.limit:
+            out[0] = np.nan
+
+    def read_rows(self, names: Names, columns: Values, out: Vector, variance: Vector) -> None:
+        self._read_angle(names, {field: column.T for field, column in columns.items()}, out.T)
+        out[np.abs(out) > self.limit] = np.nan
+
+    def _read_angle(self, names: Names, values: Values, out: Vector) -> None:
+        """Fill `out` (1,) or (1, n) with the angle of the road wheels in one or n messages, however large."""
         out[0] = np.nan
         position = values.get("position")
         if position is None or len(position) != len(names):
@@ -57,8 +67,6 @@ class Steering(SensorBase):
             out[0] = self.gain * position[names.index("road_wheel_front")]
         elif "steering_wheel" in names and self.ratio is not None:
             out[0] = self.gain * position[names.index("steering_wheel")] / self.ratio
-        if abs(out[0]) > self.limit:
-            out[0] = np.nan
 
     def simulated(self, drive: SimulatedDrive) -> Content:
         """Messages of the angle of the steering wheel. Raises `ValueError` if the steering ratio is not known."""
