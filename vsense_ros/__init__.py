@@ -17,7 +17,7 @@ from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from vsense_ros.api.can import survey_can
-    from vsense_ros.api.estimation import RecordingWarning, estimate
+    from vsense_ros.api.estimation import RecordingWarning, Smoothed, estimate, smooth
     from vsense_ros.api.explanation import explain
     from vsense_ros.api.filter import Filter
     from vsense_ros.api.identification import identify
@@ -37,6 +37,7 @@ __all__ = [
     "Recording",
     "RecordingWarning",
     "Result",
+    "Smoothed",
     "Vehicle",
     "calibrate",
     "check",
@@ -48,6 +49,7 @@ __all__ = [
     "load_vehicle",
     "new_vehicle",
     "read",
+    "smooth",
     "survey_can",
 ]
 
@@ -60,6 +62,7 @@ _PLACES = {
     "Recording": "messages.recording",
     "RecordingWarning": "api.estimation",
     "Result": "api.result",
+    "Smoothed": "api.estimation",
     "Vehicle": "model.vehicle",
     "calibrate": "api.preparation",
     "check": "api.preparation",
@@ -71,6 +74,7 @@ _PLACES = {
     "load_vehicle": "api.vehicle",
     "new_vehicle": "api.preparation",
     "read": "api.recording",
+    "smooth": "api.estimation",
     "survey_can": "api.can",
 }
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import warnings
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -20,7 +20,9 @@ from vsense_ros.checks.sentences import mend_in_words, sentences
 from vsense_ros.errors import InputError
 from vsense_ros.estimation.reading import noise_at_start
 from vsense_ros.evaluate.drive import Drive
-from vsense_ros.evaluate.reference import at_reference, mounting_in_words
+from vsense_ros.evaluate.metrics import SignalScore, compare
+from vsense_ros.evaluate.reference import REFERENCE, as_smoothed, at_reference, judged_by, mounting_in_words
+from vsense_ros.evaluate.signals import read_signals
 from vsense_ros.messages.recording import Recording
 from vsense_ros.model.sensors import unheard
 from vsense_ros.model.simulation.closed_loop import rolling_radii
@@ -29,6 +31,7 @@ from vsense_ros.runner.catalogue import every_filter
 from vsense_ros.runner.run import Run, run
 
 Progress = Callable[[float], None]  # takes the share done, 0 to 1
+UNSETTLED = 0.5  # standard deviations that a last iteration may move a state by without a warning
 
 
 class RecordingWarning(UserWarning):
@@ -44,6 +47,23 @@ class Task:
     vehicle: Vehicle
     warnings: tuple[str, ...]
     notes: tuple[str, ...]
+
+
+@dataclass(frozen=True)
+class Smoothed:
+    """A recording with the motion of its car on `smoothed/odometry`, `smoothed/sideslip` and so on, at the centre of
+    gravity.
+
+    `deviations` has the median standard deviation of each of its signals [SI], `parameters` what was estimated of
+    sensors and car, by name, value and standard deviation; the last iteration still moved a state by `change` standard
+    deviations. `scores` compare the motion with the reference of the recording, which is not used otherwise.
+    """
+
+    recording: Recording
+    deviations: Mapping[str, float]
+    parameters: Mapping[str, tuple[float, float]]
+    change: float
+    scores: Mapping[str, SignalScore]
 
 
 def prepare(source: Source, vehicle: str | Path | Vehicle, *, mend: bool = False) -> Task:
@@ -78,6 +98,7 @@ def estimate(
     *,
     smooth: bool = False,
     lag: float | None = None,
+    against: str = REFERENCE,
     mend: bool = False,
     progress: Progress | None = None,
 ) -> Result:
@@ -94,6 +115,8 @@ def estimate(
             lists parameters to be estimated.
         smooth: use the whole recording for each estimate (GNSS/INS filters of one state space).
         lag: use so many seconds of later data for each estimate [s]; the same filters.
+        against: first part of the topics that the estimates are compared with: `reference`, or `smoothed` of what
+            `smooth` returns.
         mend: correct signs, axes and units of the recording that cannot be right.
         progress: is called with the share done, 0 to 1.
 
@@ -104,7 +127,34 @@ def estimate(
     task = prepare(source, vehicle, mend=mend)
     for sentence in task.warnings:
         warnings.warn(sentence, RecordingWarning, stacklevel=2)
-    return estimate_task(task, filter, smooth=smooth, lag=lag, progress=progress)
+    return estimate_task(task, filter, smooth=smooth, lag=lag, against=against, progress=progress)
+
+
+def smooth(
+    source: Source, vehicle: str | Path | Vehicle, *, mend: bool = False, progress: Progress | None = None
+) -> Smoothed:
+    """Compute how a car moved from all that its sensors measured before and after: a reference where none was driven.
+
+        smoothed = vs.smooth("lap.mcap", "my_car.yaml")
+        vs.estimate(smoothed.recording, "my_car.yaml", against="smoothed")
+
+    Arguments and errors are those of `estimate`.
+    """
+    task = prepare(source, vehicle, mend=mend)
+    for sentence in task.warnings:
+        warnings.warn(sentence, RecordingWarning, stacklevel=2)
+    return smooth_task(task, progress)
+
+
+def smooth_task(task: Task, progress: Progress | None = None) -> Smoothed:
+    """Smooth a recording that has been prepared; errors are those of `smooth`."""
+    from vsense_ros.runner.smoothing import run_offline
+
+    found = run_offline(task.recording, task.vehicle, progress=progress)
+    signals = read_signals(found.output, "vsense")
+    deviations = {name: float(np.median(one.deviation)) for name, one in signals.items() if one.deviation is not None}
+    scores = compare(at_reference(found.output, task.vehicle), task.recording)
+    return Smoothed(as_smoothed(task.recording, found.output), deviations, found.parameters, found.change, scores)
 
 
 def estimate_task(
@@ -113,14 +163,18 @@ def estimate_task(
     *,
     smooth: bool = False,
     lag: float | None = None,
+    against: str = REFERENCE,
     progress: Progress | None = None,
 ) -> Result:
     """Estimate a recording that has been prepared; arguments and errors are those of `estimate`."""
-    recording, car = task.recording, task.vehicle
+    recording, car = judged_by(task.recording, against), task.vehicle
     found = _run(recording, car, filter, smooth, lag, progress or (lambda share: None))
     absent = [f"{line.message}." for line in found.diagnostics if line.name == "observability"]
-    notes = tuple(sentence for sentence in (mounting_in_words(car), *absent) if sentence)
-    compared = replace(found, output=at_reference(found.output, car))
+    if against == REFERENCE:  # which sits elsewhere than cog
+        place, compared = mounting_in_words(car), replace(found, output=at_reference(found.output, car))
+    else:
+        place, compared = f"Compared with the topics {against}/….", found
+    notes = tuple(sentence for sentence in (place, *absent) if sentence)
     title = f"{recording.name}, {car.name}"
     drive = Drive.of(recording.name, title, recording, compared, vehicle=car, way="without ROS", notes=notes)
     return Result(drive, found.output, car, found.parameters, found.failure)

@@ -30,7 +30,7 @@ from vsense_ros.cli import (
 from vsense_ros.cli.common import GroupedCommands
 
 HEADINGS = {
-    "Use": ("studio", "demo", "run", "filters", "view", "monitor"),
+    "Use": ("studio", "demo", "run", "smooth", "filters", "view", "monitor"),
     "Prepare": (
         "new-vehicle", "can", "import", "info", "check", "calibrate", "datasets", "schema", "suspension", "compile"
     ),

@@ -4,11 +4,16 @@ from __future__ import annotations
 
 import json
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import click
 
 from vsense_ros.cli.common import DIVERGED, EXISTING, NEW_FOLDER, every_filter, load_car, vehicle_option, warn
 from vsense_ros.files.names import printable
+
+if TYPE_CHECKING:
+    from vsense_ros.api.estimation import Task
+    from vsense_ros.model.vehicle import Vehicle
 
 
 @click.command()
@@ -23,6 +28,7 @@ from vsense_ros.files.names import printable
     metavar="SECONDS",
     help="Smooth with this many seconds of later data.",
 )
+@click.option("--against", metavar="TOPICS", help="Compare with these topics: reference (default) or smoothed.")
 @click.option("--mend", is_flag=True, help="Correct signs, axes and units that cannot be right.")
 @click.option("--report", is_flag=True, help="Also write a picture and an HTML report.")
 @click.pass_context
@@ -34,6 +40,7 @@ def run(
     chosen: str | None,
     smooth: bool,
     lag: float | None,
+    against: str | None,
     mend: bool,
     report: bool,
 ) -> None:
@@ -46,24 +53,22 @@ def run(
       vsense run bags/step_steer --vehicle prototype_model --filter dekf
       vsense run med_lap --vehicle genesis --filter inertial --smooth
 
-    If BAG contains a reference, the estimates are compared with it. BAG may also be a recording that `vsense import`
-    reads. The command writes a bag with the estimates and summary.json; --report adds a picture (PNG, SVG) and a report
-    that opens without a network. If the filter diverges, the exit code is 3, and the estimates until then are written.
+    If BAG contains a reference, the estimates are compared with it, or with what `vsense smooth` computed. BAG may also
+    be a recording that `vsense import` reads. The command writes a bag with the estimates and summary.json; --report
+    adds a picture (PNG, SVG) and a report that opens without a network. If the filter diverges, the exit code is 3, and
+    the estimates until then are written.
     """
-    from vsense_ros.api.estimation import check_filter, estimate_task, prepare
+    from vsense_ros.api.estimation import check_filter, estimate_task
     from vsense_ros.bag import write_bag
     from vsense_ros.evaluate.terminal import console, progress, say, show_drive, waiting
 
     car = load_car(vehicle)
     check_filter(chosen or "", smooth=smooth, lag=lag)
-    with waiting(f"reading {bag.name}"):
-        task = prepare(bag, car, mend=mend)
-    for sentence in task.warnings:
-        warn(sentence)
-    for note in task.notes:
-        say(note)
+    task = _prepared(bag, car, mend)
     with progress(f"estimating {task.recording.name}") as done:
-        result = estimate_task(task, chosen or "", smooth=smooth, lag=lag, progress=done)
+        result = estimate_task(
+            task, chosen or "", smooth=smooth, lag=lag, against=against or "reference", progress=done
+        )
     drive = result.drive
     name = drive.name
     folder = out if out is not None else Path("out") / "run" / name
@@ -89,6 +94,67 @@ def run(
         context.exit(DIVERGED)
 
 
+def _prepared(bag: Path, car: Vehicle, mend: bool) -> Task:
+    """A recording that has been read and examined for a car, with what is wrong or was mended said to the user."""
+    from vsense_ros.api.estimation import prepare
+    from vsense_ros.evaluate.terminal import say, waiting
+
+    with waiting(f"reading {bag.name}"):
+        task = prepare(bag, car, mend=mend)
+    for sentence in task.warnings:
+        warn(sentence)
+    for note in task.notes:
+        say(note)
+    return task
+
+
+@click.command()
+@click.argument("bag", type=EXISTING)
+@vehicle_option
+@click.option("--out", type=NEW_FOLDER, help="Bag to write; default: out/smooth/<name>.")
+@click.option("--mend", is_flag=True, help="Correct signs, axes and units that cannot be right.")
+def smooth(bag: Path, vehicle: str, out: Path | None, mend: bool) -> None:
+    """Compute a reference from all that was measured, where no reference was driven.
+
+    \b
+    Examples:
+      vsense smooth lap --vehicle my_car.yaml --out lap_smoothed
+      vsense run lap_smoothed --vehicle my_car.yaml --against smoothed
+
+    The motion of the car is fitted to the whole recording at once: GNSS, inertial sensors, rear wheels and the heading
+    of two antennas, with biases, lever arm and delay of the antenna, and how its rear axle slides. The command writes a
+    bag of the recording with the topics smoothed/odometry and smoothed/sideslip, which state standard deviations.
+    """
+    from vsense_ros.api.estimation import UNSETTLED, smooth_task
+    from vsense_ros.bag import write_bag
+    from vsense_ros.evaluate.signals import SIGNALS
+    from vsense_ros.evaluate.terminal import console, plain_table, progress, say
+
+    task = _prepared(bag, load_car(vehicle), mend)
+    with progress(f"smoothing {task.recording.name}") as done:
+        found = smooth_task(task, done)
+    titles = ("RMSE against the reference", "in 2σ", "NEES") if found.scores else ()
+    table = plain_table("signal", "standard deviation (median)", *titles)
+    for name, deviation in found.deviations.items():
+        signal, score = SIGNALS[name], found.scores.get(name)
+        cells = [f"{deviation * signal.shown_per_unit:.3g} {signal.shown_unit}"]
+        if score is not None and score.within_2s is not None and score.nees is not None:
+            rmse = f"{score.rmse * signal.shown_per_unit:.3g} {signal.shown_unit}"
+            cells += [rmse, f"{100 * score.within_2s:.0f} %", f"{score.nees:.2f}"]
+        table.add_row(signal.label, *cells)
+    console().print(table)
+    table = plain_table("estimated of sensors and car", "[SI]", "standard deviation")
+    for name, (value, deviation) in found.parameters.items():
+        table.add_row(name, f"{value:.4g}", f"{deviation:.2g}")
+    console().print(table)
+    folder = out if out is not None else Path("out") / "smooth" / task.recording.name
+    folder.parent.mkdir(parents=True, exist_ok=True)
+    write_bag(folder, found.recording, overwrite=out is None)
+    if found.change > UNSETTLED:
+        warn(f"the last iteration still moved a state by {found.change:.1f} of its standard deviation")
+    say(f"Written to {folder}. Compare with it: vsense run {folder} --vehicle {vehicle} --against smoothed")
+
+
 @click.command()
 @click.option("--all", "every", is_flag=True, help="Include filters that repeat a paper or serve as a comparison.")
 def filters(every: bool) -> None:
@@ -109,4 +175,4 @@ def filters(every: bool) -> None:
     console().print(described(known if every else known.recommended))
 
 
-COMMANDS = (run, filters)
+COMMANDS = (run, smooth, filters)

@@ -117,16 +117,21 @@ class Dense:
 
     def step(self, h: float) -> None:
         """mean ← f(mean, h), covariance ← F P Fᵀ + Q."""
+        moved, f, noise = self.moved(h)
+        grown = f @ self.covariance @ f.T + noise
+        self.covariance[:] = 0.5 * (grown + grown.T)
+        self.mean[:] = moved
+
+    def moved(self, h: float) -> tuple[Array, Array, Array]:
+        """State (n,) after a step of `h` [s] from the mean, F and Q (e, e) of it; the mean stays. Raises
+        `FloatingPointError` where that state is not finite."""
         kernels = self._kernels
         kernels.h[0] = h
         kernels.transition.call()
-        moved = kernels.transition.results[0][:, 0]
+        moved = kernels.transition.results[0][:, 0].copy()
         if not np.isfinite(moved).all():
             raise FloatingPointError(f"{title(self.system)} cannot be moved, {self._where()}")
-        f = kernels.matrix()
-        grown = f @ self.covariance @ f.T + kernels.noise()
-        self.covariance[:] = 0.5 * (grown + grown.T)
-        self.mean[:] = moved
+        return moved, kernels.matrix(), kernels.noise()
 
     def sense(self, sensor: str, value: Array) -> tuple[Array, Array]:
         """Innovation (m,), NaN where the measurement is not used, and H (m, e)."""

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
+from typing import NamedTuple
 
 import numpy as np
 
@@ -12,16 +13,31 @@ from vsense_ros.estimation.ekf import Ekf
 from vsense_ros.estimation.filter import Array, Filter, Gaussian, Innovation
 
 
+class Used(NamedTuple):
+    """A measurement as a filter was given it: value and variances (m,), the inputs (k,) of the system then, and the
+    largest normalized innovation squared that is believed."""
+
+    sensor: str
+    value: Array
+    variance: Array
+    inputs: Array
+    limit: float
+
+
 @dataclass
 class Instant:
     """One time of a run: beliefs before and after its corrections, F (e, e) from the last instant to this one, and the
-    information Σ Hᵀ R⁻¹ H (e, e) of its measurements."""
+    information Σ Hᵀ R⁻¹ H (e, e) of its measurements. The step that led to it had the inputs (k,) `inputs`, and began
+    with a covariance that something outside of the filter had raised by `widened` (e, e), None where nothing had."""
 
     time: float  # [s] since the start
     transition: Array
     before: Gaussian
     after: Gaussian
     information: Array
+    inputs: Array
+    widened: Array | None = None
+    used: list[Used] = field(default_factory=list)
 
 
 class Record(Filter):
@@ -40,14 +56,16 @@ class Record(Filter):
         """As the filter does; what was kept is forgotten."""
         self.filter.start(belief)
         now, e = self.filter.belief(), len(self.filter.covariance)
-        self.instants = [Instant(0.0, np.eye(e), now, now, np.zeros((e, e)))]
+        self.instants = [Instant(0.0, np.eye(e), now, now, np.zeros((e, e)), self.inputs.copy())]
 
     def predict(self, h: float) -> None:
         """As the filter does; a new instant."""
+        inputs, widened = self.inputs.copy(), self.filter.covariance - self.instants[-1].after.covariance
         self.filter.predict(h)
         now = self.filter.belief()
         transition = self.system.transition_matrix
-        self.instants.append(Instant(self.instants[-1].time + h, transition, now, now, np.zeros_like(transition)))
+        time, nothing = self.instants[-1].time + h, np.zeros_like(transition)
+        self.instants.append(Instant(time, transition, now, now, nothing, inputs, widened if widened.any() else None))
         if self.length is not None and len(self.instants) > self.length:
             del self.instants[0]
 
@@ -56,6 +74,8 @@ class Record(Filter):
     ) -> Innovation:
         """As the filter does, kept with the present instant."""
         residual, by_error = (found.copy() for found in self.system.sense(sensor, value))
+        given = np.asarray(value, dtype=float).copy(), scale * np.asarray(variance, dtype=float)
+        self.instants[-1].used.append(Used(sensor, *given, self.inputs.copy(), limit))
         found = self.filter.correct(sensor, value, variance, limit, scale)
         if found.accepted:
             present = np.isfinite(residual)

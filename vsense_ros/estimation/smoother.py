@@ -33,13 +33,13 @@ def _backwards(instants: Sequence[Instant], system: Dense) -> list[Gaussian]:
 def _step(now: Instant, following: Instant, later: Gaussian, system: Dense) -> Gaussian:
     """The belief of an instant, from that of the one that follows."""
     p, before = now.after.covariance, following.before
-    gain = _right_divided(p @ following.transition.T, before.covariance)
+    gain = right_divided(p @ following.transition.T, before.covariance)
     mean = system.retracted(now.after.mean, gain @ system.difference(later.mean, before.mean))
     covariance = p + gain @ (later.covariance - before.covariance) @ gain.T
     return Gaussian(mean, 0.5 * (covariance + covariance.T))
 
 
-def _right_divided(a: Array, p: Array) -> Array:
+def right_divided(a: Array, p: Array) -> Array:
     """A P⁻¹; where P is singular, as of what is known exactly, its pseudo-inverse."""
     try:
         return np.asarray(np.linalg.solve(p, a.T).T)

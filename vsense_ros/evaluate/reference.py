@@ -11,11 +11,13 @@ from dataclasses import replace
 import numpy as np
 from scipy.spatial.transform import Rotation
 
+from vsense_ros.errors import InputError
 from vsense_ros.messages.recording import Recording
 from vsense_ros.model.vehicle import Vehicle
 
 ODOMETRY = "vsense/odometry"
 SIDE_SLIP = "vsense/sideslip"
+REFERENCE, SMOOTHED = "reference", "smoothed"  # what topics of a reference begin with: measured, or computed offline
 
 
 def at_reference(output: Recording, vehicle: Vehicle) -> Recording:
@@ -46,6 +48,38 @@ def at_reference(output: Recording, vehicle: Vehicle) -> Recording:
         vector[:, 0] = np.arctan2(columns["linear"][:, 1], columns["linear"][:, 0])
         channels[SIDE_SLIP] = replace(slip, columns={"vector": vector})
     return replace(output, channels=channels)
+
+
+def judged_by(recording: Recording, source: str) -> Recording:
+    """A recording whose topics below `source`, as of the bag that `vsense smooth` writes, are its reference.
+
+    Raises `InputError` if it has none.
+    """
+    if source == REFERENCE:
+        return recording
+    own = {topic: topic.strip("/") for topic in recording.channels}
+    chosen = {
+        topic: f"{REFERENCE}{name[len(source) :]}" for topic, name in own.items() if name.startswith(f"{source}/")
+    }
+    if not chosen:
+        known = sorted({name.partition("/")[0] for name in own.values() if name.endswith("/odometry")})
+        raise InputError(
+            f"{recording.name or 'recording'}: no topic {source}/… to compare with; "
+            f"there {'is' if len(known) == 1 else 'are'} {', '.join(known) or 'none'} with an odometry "
+            f"(`vsense smooth` writes a bag with {SMOOTHED}/odometry)"
+        )
+    channels = {
+        t: c for t, c in recording.channels.items() if t not in chosen and own[t].partition("/")[0] != REFERENCE
+    }
+    channels |= {new: replace(recording.channels[old], topic=new) for old, new in chosen.items()}
+    return replace(recording, channels=channels)
+
+
+def as_smoothed(recording: Recording, output: Recording) -> Recording:
+    """A recording with the motion of a run's `output` beside it, on topics below `smoothed`."""
+    moved = {f"{SMOOTHED}{topic.removeprefix('vsense')}": c for topic, c in output.channels.items()}
+    kept = {t: c for t, c in recording.channels.items() if t.strip("/").partition("/")[0] != SMOOTHED}
+    return replace(recording, channels=kept | {topic: replace(c, topic=topic) for topic, c in moved.items()})
 
 
 def mounting_in_words(vehicle: Vehicle) -> str:

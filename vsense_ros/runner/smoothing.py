@@ -1,24 +1,30 @@
 """Smoothing of a recorded drive: each estimate of a filter of one state space, given what was measured after it.
 
-All messages are put in the order of their measurement first, so that nothing is late.
+All messages are put in the order of their measurement first, so that nothing is late. `run_smoothed` smooths what a
+filter estimated; `run_offline` fits a trajectory to all measurements, as a reference for filters that are live.
 """
 
 from __future__ import annotations
 
 import time
 from collections.abc import Callable, Iterator
+from dataclasses import dataclass
 
 import numpy as np
 
 from vsense_ros.errors import InputError
 from vsense_ros.estimation.ekf import Ekf
 from vsense_ros.estimation.filter import Gaussian
+from vsense_ros.estimation.iterated import iterated
 from vsense_ros.estimation.record import Record
 from vsense_ros.estimation.smoother import FixedLag, smoothed
 from vsense_ros.messages.recording import Recording
+from vsense_ros.model.sensors import SensorBase
 from vsense_ros.model.vehicle import Vehicle
-from vsense_ros.navigation.aided import Aided
+from vsense_ros.navigation.aided import Aided, usable
+from vsense_ros.navigation.car_numbers import car_numbers
 from vsense_ros.navigation.motion import Snapshot
+from vsense_ros.navigation.offline import OFFLINE
 from vsense_ros.runner.catalogue import every_filter
 from vsense_ros.runner.run import Run, as_recording, never_started, topics_in
 from vsense_ros.runner.runner import Runner
@@ -61,21 +67,59 @@ def run_smoothed(
     if lag is None:
         beliefs = smoothed(record)
         found = [_as(s, b, s.stamp) for s, b in zip(snapshots, beliefs, strict=True)]
-    kept, last = [], -1e18
-    for one in found:
-        if one.stamp - last >= _OUTPUT_PERIOD * 1e9:
-            kept.append(one)
-            last = one.stamp
     done(1.0)
     elapsed = time.perf_counter() - began
     return Run(
-        output=as_recording(runner.adapter, kept, recording),
+        output=as_recording(runner.adapter, _thinned(found), recording),
         step_us_median=1e6 * elapsed / max(messages, 1),
         realtime_factor=recording.duration / elapsed,
         messages_lost=recording.messages_lost,
         diagnostics=runner.diagnostics(),
         parameters=runner.parameters(),
     )
+
+
+@dataclass(frozen=True)
+class Offline:
+    """The motion of a car by all of a recording, on the topics of an estimate; what was estimated of sensors and car,
+    by name, value and standard deviation; and by how many standard deviations the last iteration moved a state."""
+
+    output: Recording
+    parameters: dict[str, tuple[float, float]]
+    change: float
+
+
+def run_offline(recording: Recording, vehicle: Vehicle, *, progress: Callable[[float], None] | None = None) -> Offline:
+    """Fit the motion of a car to all that its sensors measured (`navigation.offline`), by Gauss-Newton over the whole
+    recording. Raises `InputError` as `run_smoothed` does."""
+    done = progress or (lambda share: None)
+
+    def make(vehicle: Vehicle, sensors: dict[str, SensorBase]) -> Aided:
+        used = usable(sensors)
+        return Aided("offline", OFFLINE, car_numbers(vehicle, used.values()), used)
+
+    runner = Runner(vehicle, recording.map_origin, make)
+    ekf = single_ekf(runner)
+    assert ekf is not None
+    record, snapshots = Record(ekf), list[Snapshot]()
+    for _ in follow(runner, record, recording, vehicle.observer.longest_step, snapshots, lambda s: done(0.3 * s)):
+        pass
+    if not snapshots:
+        raise never_started(recording, runner)
+    found = iterated(record, progress=lambda share: done(0.3 + 0.7 * share))
+    smooth = [_as(s, b, s.stamp) for s, b in zip(snapshots, found.beliefs, strict=True)]
+    done(1.0)
+    output = as_recording(runner.adapter, _thinned(smooth), recording)
+    return Offline(output, runner.adapter.parameters(smooth[-1]), found.change)
+
+
+def _thinned(snapshots: list[Snapshot]) -> list[Snapshot]:
+    """Those that are at least `_OUTPUT_PERIOD` apart."""
+    kept: list[Snapshot] = []
+    for one in snapshots:
+        if not kept or one.stamp - kept[-1].stamp >= _OUTPUT_PERIOD * 1e9:
+            kept.append(one)
+    return kept
 
 
 def single_ekf(runner: Runner) -> Ekf | None:
