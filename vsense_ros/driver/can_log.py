@@ -1,4 +1,5 @@
-"""CAN logs of any format: candump, Vector ASC and BLF, PEAK TRC, GVRET and python-can CSV, MDF4 bus logging.
+"""CAN logs of any format: candump, Vector ASC and BLF, PEAK TRC, GVRET and python-can CSV, MDF4 bus logging, and the
+texts of `can_text_logs`.
 
 The format is told by the beginning of a file. What python-can reads is read by it; candump and GVRET are read here, so
 that a damaged line costs itself alone, and because python-can knows neither candump's form for people nor GVRET.
@@ -26,10 +27,13 @@ from can.io.asc import ASCReader
 from numpy.typing import NDArray
 
 from vsense_ros.driver.can_signal import Frames
+from vsense_ros.driver.can_text_logs import TEXT_LOGS, TextLog, numbered_lines, shown
 from vsense_ros.driver.mdf import make_asammdf_careful
 from vsense_ros.errors import InputError
 
-FORMATS = "candump, Vector ASC and BLF, PEAK TRC, GVRET and python-can CSV, MDF4"
+FORMATS = (
+    "candump, Vector ASC and BLF, PEAK TRC, GVRET and python-can CSV, MDF4, BUSMASTER, CRTD, Vehicle Spy CSV, Microchip"
+)
 UNIX = 1e8  # [s] from which on a time is one since 1970
 _MOST_LOSSES = 50  # that are told one by one
 
@@ -130,7 +134,8 @@ class CanLog:
 
 
 def format_of(path: Path) -> str | None:
-    """The format of a CAN log by its beginning: `candump`, `asc`, `blf`, `trc`, `gvret`, `csv`, `mf4`; None: none."""
+    """The format of a CAN log by its beginning: `candump`, `asc`, `blf`, `trc`, `gvret`, `csv`, `mf4`, or the name of
+    one of `TEXT_LOGS`; None: none."""
     try:
         with path.open("rb") as file:
             head = file.read(4096)
@@ -157,7 +162,7 @@ def format_of(path: Path) -> str | None:
         return "csv"
     if any(_CANDUMP.fullmatch(line) or _VIEW_WITHOUT_TIME.fullmatch(line) for line in lines[:20]):
         return "candump"
-    return None
+    return next((text_log.name for text_log in TEXT_LOGS if text_log.begins(lines)), None)
 
 
 def read_can_log(path: str | Path) -> CanLog:
@@ -178,6 +183,7 @@ def read_can_log(path: str | Path) -> CanLog:
         "trc": lambda log: _python_can(log, can.TRCReader(log.path)),
         "csv": lambda log: _python_can(log, can.CSVReader(log.path)),
         "mf4": _mf4,
+        **{text_log.name: _of_text(text_log) for text_log in TEXT_LOGS},
     }
     return CanLog(path, readers[found], found)
 
@@ -220,20 +226,10 @@ def read_frames(path: str | Path) -> CanFrames:
     )
 
 
-def _lines(path: Path) -> Iterator[tuple[int, str]]:
-    with path.open(encoding="utf-8-sig", errors="replace") as file:
-        yield from enumerate(file, 1)
-
-
-def _told(line: str) -> str:
-    text = line.strip()
-    return repr(text if len(text) <= 60 else f"{text[:60]}…")
-
-
 def _candump(log: CanLog) -> Iterator[can.Message]:
     """Both forms of candump, line by line, so that a damaged line costs itself alone."""
     timeless = 0
-    for number, line in _lines(log.path):
+    for number, line in numbered_lines(log.path):
         found = _CANDUMP.fullmatch(line)
         if found is None:
             if not line.strip():
@@ -241,7 +237,7 @@ def _candump(log: CanLog) -> Iterator[can.Message]:
             timeless += bool(_VIEW_WITHOUT_TIME.fullmatch(line))
             if timeless == 20:
                 raise InputError(f"{log.path}: candump wrote no times; record it with 'candump -L' or 'candump -ta'")
-            log.lost(f"line {number} is not a candump message: {_told(line)}")
+            log.lost(f"line {number} is not a candump message: {shown(line)}")
             continue
         moment, channel, identifier, fd, data, length, viewed = found.groups()
         data = viewed if data is None else data
@@ -262,7 +258,7 @@ def _candump(log: CanLog) -> Iterator[can.Message]:
                 data=content,
             )
         except ValueError:
-            log.lost(f"line {number} is not a candump message: {_told(line)}")
+            log.lost(f"line {number} is not a candump message: {shown(line)}")
 
 
 def _moment(text: str) -> float:
@@ -297,7 +293,7 @@ def _gvret(log: CanLog) -> Iterator[can.Message]:
                     data=content,
                 )
             except (ValueError, IndexError):
-                log.lost(f"line {rows.line_num} is not a GVRET row: {_told(','.join(row))}")
+                log.lost(f"line {rows.line_num} is not a GVRET row: {shown(','.join(row))}")
 
 
 class _Asc(ASCReader):
@@ -311,14 +307,14 @@ class _Asc(ASCReader):
         try:
             return super()._process_classic_can_frame(line, msg_kwargs)
         except (ValueError, IndexError):
-            self._log.lost(f"not a frame: {_told(line)}")
+            self._log.lost(f"not a frame: {shown(line)}")
             return None  # type: ignore[return-value]
 
     def _process_fd_can_frame(self, line: str, msg_kwargs: dict[str, Any]) -> can.Message:
         try:
             return super()._process_fd_can_frame(line, msg_kwargs)
         except (ValueError, IndexError):
-            self._log.lost(f"not a frame: {_told(line)}")
+            self._log.lost(f"not a frame: {shown(line)}")
             return None  # type: ignore[return-value]
 
     @staticmethod
@@ -339,6 +335,10 @@ def _asc(log: CanLog) -> Iterator[can.Message]:
                 total += message.timestamp - reader.start_time
                 message.timestamp = reader.start_time + total
             yield message
+
+
+def _of_text(text_log: TextLog) -> Callable[[CanLog], Iterator[can.Message]]:
+    return lambda log: text_log.frames(log.path, log.lost)
 
 
 def _mf4(log: CanLog) -> Iterator[can.Message]:

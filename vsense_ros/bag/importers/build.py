@@ -11,6 +11,7 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 import pymap3d
 from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
 
 from vsense_ros.messages.recording import FIELDS, Channel
 from vsense_ros.messages.topics import TOPICS
@@ -163,6 +164,25 @@ def geodetic_from_enu(
     """Latitude, longitude [deg] and ellipsoidal height [m] of positions east, north, up of `origin` [m]."""
     latitude, longitude, altitude = pymap3d.enu2geodetic(east, north, up, *origin)
     return np.asarray(latitude), np.asarray(longitude), np.asarray(altitude)
+
+
+def navigated(
+    stamp: Stamps, place: tuple[Array, Array, Array], turn: Rotation, enu: Array, rates: Array | None = None
+) -> tuple[Channel, tuple[float, float, float]]:
+    """`reference/odometry` of an inertial navigation system, and the origin of its map, which is its first position.
+
+    `place` is latitude, longitude [deg] and ellipsoidal height [m]; `turn` takes axes forward, left, up to east, north,
+    up; `enu` is the velocity (n, 3) [m/s], and `rates` those of the body (n, 3) [rad/s], absent if None.
+    """
+    latitude, longitude, altitude = place
+    origin = (float(latitude[0]), float(longitude[0]), float(altitude[0]))
+    columns = {
+        "position": enu_from_geodetic(latitude, longitude, altitude, origin),
+        "orientation": turn.as_quat(),
+        "linear": turn.inv().apply(enu),
+        "angular": np.full((len(stamp), 3), np.nan) if rates is None else rates,
+    }
+    return channel("reference/odometry", stamp, columns), origin
 
 
 def origin_metadata(origin: tuple[float, float, float]) -> dict[str, str]:

@@ -23,7 +23,9 @@ from vsense_ros.errors import InputError
 from vsense_ros.messages.recording import FIELDS, Channel, Recording
 
 NAME = "can_log"
-DESCRIPTION = "CAN log with a database and a mapping (candump, .asc, .blf, .trc, GVRET .csv, .mf4)"
+DESCRIPTION = (
+    "CAN log with a database and a mapping (candump, .asc, .blf, .trc, GVRET .csv, .mf4, BUSMASTER, CRTD, Vehicle Spy)"
+)
 NEEDS = ("dbc",)  # without a database an MDF4 file is one of signals
 
 _Part = tuple[AnyOutput, Stamps, Stamps, dict[str, Array]]  # stamps of measurement and arrival, values by name

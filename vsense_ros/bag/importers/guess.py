@@ -159,12 +159,11 @@ def _of_text(path: Path) -> _Source:
         columns = {name: long.values(name) for name in long.signals}
         return _Source(content, columns, _headings(columns, units_of), remarks)
     found = {}
+    wanted = mapping_file.load({**content, "topics": {}}, path)
     for index, name in enumerate(names):
         if name != time and table.numbers(index) is not None:
             ref: str | int = int(name) if name.isdigit() else name
-            signals = {"steering_wheel": {"column": ref, "unit": "rad", "ignore_stated_unit": True}}
-            one = mapping_file.load({**content, "topics": {"vehicle/steering": {"position": signals}}}, path)
-            found[name] = text_table.read_table(path, one).column(mapping_file.Ref(ref)).values
+            found[name] = text_table.read_table(path, wanted, [ref]).column(mapping_file.Ref(ref)).values
     if not found:
         raise InputError(f"{path}: no column of numbers in it; its columns are {', '.join(header)[:600]}")
     own = {name: heading(header[i], stated[i]) for i, name in enumerate(names) if name in found}

@@ -77,8 +77,9 @@ def read_header(path: Path, wanted: ColumnMapping) -> tuple[list[str], list[str]
     return lines.header, lines.units
 
 
-def read_table(path: Path, wanted: ColumnMapping) -> TextTable:
-    """The columns that a mapping uses. Raises `InputError` naming line and column of what is wrong."""
+def read_table(path: Path, wanted: ColumnMapping, also: Sequence[str | int] = ()) -> TextTable:
+    """The columns that a mapping uses, and those that are named `also`. Raises `InputError` naming line and column of
+    what is wrong."""
     if wanted.time.rate is not None:
         return _by_rate(_Lines(path, wanted), wanted.time.rate)
     column = _time_column(path, wanted)
@@ -87,7 +88,7 @@ def read_table(path: Path, wanted: ColumnMapping) -> TextTable:
         known = ", ".join((*units.QUANTITIES["time"], *CLOCKS))
         raise InputError(f"mapping: time: unit {unit!r} is no unit of time; known: {known}")
     lines = _Lines(path, wanted)
-    names: list[str | int] = [column, *(ref.name for ref in wanted.columns())]
+    names: list[str | int] = [column, *(ref.name for ref in wanted.columns()), *also]
     if isinstance(wanted.time.week, str):
         names.append(wanted.time.week)
     indices = list(dict.fromkeys(index_of(path, lines.header, name, wanted.delimiter) for name in names))
