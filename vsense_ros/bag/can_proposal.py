@@ -8,11 +8,10 @@ import re
 from collections.abc import Mapping
 from dataclasses import dataclass
 
-import numpy as np
-
 from vsense_ros.bag.can_names import WHEEL_SIDES
 from vsense_ros.bag.can_roles import ROLES, Recognized, Roles
 from vsense_ros.bag.can_survey import CanSurvey, HeardSignal
+from vsense_ros.checks.noise import white_noise
 from vsense_ros.errors import InputError
 from vsense_ros.messages import units
 
@@ -234,13 +233,12 @@ def _leaves_range(signal: HeardSignal) -> bool:
 
 
 def _noise(found: Recognized) -> float:
-    """Standard deviation of the noise [SI]: that of second differences, at least a step and what sensors have."""
+    """Standard deviation of the noise [SI]: that of the logged values, at least of a step and what sensors have."""
     signal = found.signal
     scale = abs(found.factor) * units.to_si(found.unit)
-    rough = float(np.std(np.diff(signal.value, 2))) / math.sqrt(6.0) if len(signal.value) > 10 else 0.0
     is_rate = units.quantity_of(found.unit) == "angular velocity"
     least = PROPOSAL.rate_noise if is_rate else PROPOSAL.force_noise
-    return float(f"{max(rough * scale, signal.step * scale / math.sqrt(12.0), least):.2g}")
+    return float(f"{max(white_noise(signal.value) * scale, signal.step * scale / math.sqrt(12.0), least):.2g}")
 
 
 def _number(value: float) -> str:

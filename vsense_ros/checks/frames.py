@@ -14,6 +14,7 @@ from vsense_ros.checks.finding import Confidence, Finding, Kind, Matrix, Scale
 from vsense_ros.checks.lags import match
 from vsense_ros.checks.motion import GYRO, Motion, ground_span
 from vsense_ros.checks.motion import SETTINGS as MOTION
+from vsense_ros.checks.noise import white_noise
 from vsense_ros.checks.reason import Reason
 from vsense_ros.checks.roles import Role
 from vsense_ros.checks.setting import JUDGEMENT, setting
@@ -160,13 +161,7 @@ def _forms(velocity: Array, topic: str) -> list[tuple[Array, Finding]]:
 def _position_noise(signals: AlignedSignals) -> float:
     """Standard deviation of a position [m], as far as it changes from one fix to the next."""
     step = max(round(signals.rows(signals.period[Role.POSITION])), 1)
-    found = []
-    for name in "xy":
-        values = signals.signals[name][::step]
-        bend = values[2:] - 2 * values[1:-1] + values[:-2]
-        bend = np.abs(bend[np.isfinite(bend)])
-        found.append(1.4826 * float(np.median(bend)) / np.sqrt(6) if len(bend) else 0.0)
-    return max(found)
+    return max(white_noise(signals.signals[name][::step]) for name in "xy")
 
 
 def _turns_with_gyro(signals: AlignedSignals, velocity: Array, good: Mask) -> bool | None:
