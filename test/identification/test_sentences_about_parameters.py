@@ -5,7 +5,7 @@ from __future__ import annotations
 from types import SimpleNamespace
 from typing import Any
 
-from vsense_ros.identification.identification import Identification, Product
+from vsense_ros.identification.identified import Identification, Product
 from vsense_ros.identification.information import Refusal
 
 

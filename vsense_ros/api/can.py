@@ -5,18 +5,33 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from vsense_ros.bag.can_proposal import proposal
 from vsense_ros.bag.can_roles import Roles, recognize
 from vsense_ros.bag.can_survey import CanSurvey, survey
+from vsense_ros.bag.can_table import show
+from vsense_ros.evaluate.printable import Printable
+
+if TYPE_CHECKING:
+    from rich.console import Console
 
 
-@dataclass(frozen=True)
-class CanContent:
+@dataclass(frozen=True, repr=False)
+class CanContent(Printable):
     """What was heard in a log (`survey`), and which signals measure the motion of the car (`roles`)."""
 
     survey: CanSurvey
     roles: Roles
+
+    @property
+    def title(self) -> str:
+        """Name of the log, and how many identifiers were heard."""
+        return f"{self.survey.name}, {len(self.survey.messages)} identifiers"
+
+    def show(self, out: Console) -> None:
+        """Print identifiers, and which signals measure the motion of the car."""
+        show(self.survey, self.roles, out, every=False)
 
     def mapping(self) -> str:
         """A proposed mapping as YAML with comments, which `vsense import` and `read` take as it is.

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from pathlib import Path
 
-from vsense_ros.api.recording import Source, read_all
+from vsense_ros.api.recording import Sources, read_all
 from vsense_ros.api.vehicle import load_vehicle
 from vsense_ros.messages.laps import laps
 from vsense_ros.mismatch.explain import STAGES, Explanation, explain_recordings
@@ -13,10 +13,10 @@ from vsense_ros.model.vehicle import Vehicle
 
 
 def explain(
-    recordings: Sequence[Source],
+    recordings: Sources,
     vehicle: str | Path | Vehicle,
     *,
-    hold_out: Sequence[Source] = (),
+    hold_out: Sources = (),
     assume: Sequence[str] = (),
     ablation: str = "",
     by_lap: bool = False,
@@ -30,9 +30,9 @@ def explain(
         answer.verdict  # named, ambiguous, unknown, no_mismatch or not_assessable
 
     Args:
-        recordings: recordings or paths, as `read` takes them.
+        recordings: a recording or path, as `read` takes it, or several.
         vehicle: the car as far as it is known; its uncertain parameters are fitted first.
-        hold_out: recordings on which the answer is proven.
+        hold_out: one or several, on which the answer is proven.
         assume: effects to be fitted in place of a search.
         ablation: a part of the method to be left out for comparison: no_refit, no_projection, chi2_thresholds.
         by_lap: cut each recording into its laps, which are found by position.

@@ -6,44 +6,42 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Literal, overload
 
-from rich.console import Console
-
-from vsense_ros.api.recording import Source, read_all
+from vsense_ros.api.recording import Sources, read_all
 from vsense_ros.api.vehicle import load_vehicle
 from vsense_ros.files.vehicle import save_vehicle
 from vsense_ros.identification import car_identification, identification, identification_report
 from vsense_ros.identification.car_identification import CarIdentification
-from vsense_ros.identification.identification import Identification
+from vsense_ros.identification.identified import Identification
 from vsense_ros.model.vehicle import Vehicle
 
 
 @overload
 def identify(
-    recordings: Sequence[Source],
+    recordings: Sources,
     vehicle: str | Path | Vehicle,
     *,
     model: Literal["best", "single_track"] = "best",
     free: Sequence[str] = (),
-    hold_out: Sequence[Source] = (),
+    hold_out: Sources = (),
     progress: Callable[[float], None] | None = None,
 ) -> Identification: ...
 @overload
 def identify(
-    recordings: Sequence[Source],
+    recordings: Sources,
     vehicle: str | Path | Vehicle,
     *,
     model: Literal["car"],
     free: Sequence[str] = (),
-    hold_out: Sequence[Source] = (),
+    hold_out: Sources = (),
     progress: Callable[[float], None] | None = None,
 ) -> CarIdentification: ...
 def identify(
-    recordings: Sequence[Source],
+    recordings: Sources,
     vehicle: str | Path | Vehicle,
     *,
     model: Literal["best", "single_track", "car"] = "best",
     free: Sequence[str] = (),
-    hold_out: Sequence[Source] = (),
+    hold_out: Sources = (),
     progress: Callable[[float], None] | None = None,
 ) -> Identification | CarIdentification:
     """Identify the parameters of a car from recordings: distribution of mass, roll, tyres.
@@ -52,12 +50,12 @@ def identify(
         vs.estimate("drive_3", found.vehicle)
 
     Args:
-        recordings: recordings or paths, as `read` takes them.
+        recordings: a recording or path, as `read` takes it, or several.
         vehicle: the car as far as it is known; its values are taken to be known to about 30 %.
         model: `best` has 4 degrees of freedom and wheel speeds, for `single_track` a speed is enough, `car` is the
             observer's own.
         free: names of the parameters to be identified; by default all.
-        hold_out: recordings on which the result is proven.
+        hold_out: one or several, on which the result is proven.
         progress: is called with the share done, 0 to 1.
 
     `vehicle` of the answer has the identified values; those that the recordings cannot determine keep theirs and are
@@ -78,11 +76,3 @@ def write_identification(found: Identification | CarIdentification, folder: Path
         car_identification.write(found, folder)
     else:
         identification_report.write(found, folder)
-
-
-def show_identification(found: Identification | CarIdentification, out: Console) -> None:
-    """Print the identified values with their standard deviations, and what could not be determined."""
-    if isinstance(found, CarIdentification):
-        car_identification.show(found, out)
-    else:
-        identification_report.show(found, out)

@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from pathlib import Path
 
-from vsense_ros.api.recording import Source, read_all
+from vsense_ros.api.recording import Sources, read_all
 from vsense_ros.api.vehicle import load_vehicle
 from vsense_ros.files.installed import vehicle_path
 from vsense_ros.files.vehicle import save_changes, save_vehicle
@@ -63,7 +62,7 @@ def new_vehicle(
     return catalogue_car.new_vehicle(values)
 
 
-def check(vehicle: str | Path | Vehicle, recordings: Sequence[Source] = ()) -> VehicleCheck:
+def check(vehicle: str | Path | Vehicle, recordings: Sources = ()) -> VehicleCheck:
     """Check whether a vehicle is a plausible car, and whether it fits recordings of the car.
 
         found = vs.check("my_car.yaml", ["drive_1"])
@@ -71,7 +70,7 @@ def check(vehicle: str | Path | Vehicle, recordings: Sequence[Source] = ()) -> V
 
     Args:
         vehicle: a vehicle, its file, or the name of one that comes with the project.
-        recordings: recordings or paths, as `read` takes them.
+        recordings: a recording or path, as `read` takes it, or several.
 
     Raises `InputError` for a file that is missing or no YAML, and as `read` does; a file that describes no car is the
     result `refused`.
@@ -82,7 +81,7 @@ def check(vehicle: str | Path | Vehicle, recordings: Sequence[Source] = ()) -> V
     return vehicle_check.check_vehicle(vehicle_path(str(vehicle)), drives)
 
 
-def calibrate(recordings: Sequence[Source], vehicle: str | Path | Vehicle) -> Calibration:
+def calibrate(recordings: Sources, vehicle: str | Path | Vehicle) -> Calibration:
     """Calibrate the sensors of a car by ordinary drives with GNSS; references in the recordings are not used.
 
         found = vs.calibrate(["drive_1", "drive_2"], "my_car.yaml")
@@ -90,7 +89,7 @@ def calibrate(recordings: Sequence[Source], vehicle: str | Path | Vehicle) -> Ca
         vs.identify(["drive_1", "drive_2"], found.vehicle, model="single_track")
 
     Args:
-        recordings: recordings or paths, as `read` takes them.
+        recordings: a recording or path, as `read` takes it, or several.
         vehicle: the car as far as it is known; the standard deviations in its file are the priors.
 
     `vehicle` of the result has what the drives determine; the rest keeps its values, and `advice` says what to drive

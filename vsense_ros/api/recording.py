@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from vsense_ros.api.stretch import Stretch, distinct_names
 from vsense_ros.bag.importers import import_recording
@@ -13,10 +13,15 @@ from vsense_ros.checks.inspect import Inspection, inspect
 from vsense_ros.checks.mending import mends
 from vsense_ros.checks.sentences import mend_in_words
 from vsense_ros.errors import InputError
+from vsense_ros.evaluate.printable import Printable
 from vsense_ros.messages.recording import Recording
 from vsense_ros.model.sensors import known_topics
 
+if TYPE_CHECKING:
+    from rich.console import Console
+
 Source = str | Path | Stretch | Recording  # of a recording
+Sources = Source | Sequence[Source]  # of one recording, or of several
 
 
 def read(source: Source, **options: Any) -> Recording:
@@ -56,10 +61,11 @@ def read_each(sources: Sequence[Source]) -> Iterator[Recording]:
     return (_named(_stretch(one), names) for one in sources)
 
 
-def read_all(*lists: Sequence[Source]) -> list[list[Recording]]:
-    """Read several lists of recordings, whose names are distinct among all of them; see `read_each`."""
-    recordings = read_each([one for every in lists for one in every])
-    return [[next(recordings) for _ in every] for every in lists]
+def read_all(*lists: Sources) -> list[list[Recording]]:
+    """Read several lists of recordings, or single ones, whose names are distinct among all of them; see `read_each`."""
+    several = [[one] if isinstance(one, str | Path | Stretch | Recording) else one for one in lists]
+    recordings = read_each([one for every in several for one in every])
+    return [[next(recordings) for _ in every] for every in several]
 
 
 def _stretch(source: Source) -> Stretch | Recording:
@@ -73,8 +79,8 @@ def _named(source: Recording | Stretch, names: Mapping[Path, str]) -> Recording:
     return recording
 
 
-@dataclass(frozen=True)
-class Info:
+@dataclass(frozen=True, repr=False)
+class Info(Printable):
     """What a recording holds (`inspection`: topics, rates, gaps, clocks) and looks wrong in it; `mends` says in words
     which corrections of signs, axes and units would make it agree with itself."""
 
@@ -86,6 +92,21 @@ class Info:
     def problems(self) -> tuple[str, ...]:
         """All that cannot be right in the recording, a sentence each that begins with the topic."""
         return self.inspection.problems
+
+    @property
+    def title(self) -> str:
+        """Name of the recording, and how much looks wrong in it."""
+        return f"{self.recording.name}, {len(self.problems)} problems"
+
+    def show(self, out: Console) -> None:
+        """Print topics, rates, gaps and clocks, what looks wrong, and what would mend it."""
+        from vsense_ros.evaluate.terminal import show_inspection
+
+        show_inspection(self.inspection, out)
+        for mend in self.mends:
+            out.print(
+                f"What would mend it: {mend} (`vsense run` and `vsense explain` do it with --mend).", soft_wrap=True
+            )
 
 
 def info(source: Source, **options: Any) -> Info:

@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from functools import cached_property
-from io import StringIO
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -16,6 +15,7 @@ from vsense_ros.api.saving import save
 from vsense_ros.errors import InputError
 from vsense_ros.evaluate.drive import Drive
 from vsense_ros.evaluate.metrics import SignalScore, align
+from vsense_ros.evaluate.printable import Printable
 from vsense_ros.evaluate.signals import Series, read_signals
 from vsense_ros.messages.diagnostic import Diagnostic
 from vsense_ros.messages.recording import Recording
@@ -25,6 +25,7 @@ from vsense_ros.model.vehicle import Vehicle
 if TYPE_CHECKING:
     import pandas
     from matplotlib.figure import Figure
+    from rich.console import Console
 
 Array = NDArray[np.float64]
 
@@ -130,7 +131,7 @@ def table_of(signals: Mapping[str, EstimatedSignal], name: str) -> Table:
     return merged([Table(one.name, one.stamp, tuple(one.columns())) for one in signals.values()], name)
 
 
-class Result(Mapping[str, EstimatedSignal]):
+class Result(Printable, Mapping[str, EstimatedSignal]):
     """Estimates of one drive: a mapping from names of signals (`side_slip`, `yaw_rate`, `wheel_force_fl_z`, …) to
     `EstimatedSignal`.
 
@@ -209,15 +210,16 @@ class Result(Mapping[str, EstimatedSignal]):
         """
         save(path, self.output, [self.table()])
 
-    def __repr__(self) -> str:
-        return f"<Result: {self.drive.title}, {len(self)} signals>"
+    @property
+    def title(self) -> str:
+        """Recording, vehicle, and how many signals were estimated."""
+        return f"{self.drive.title}, {len(self)} signals"
 
-    def __str__(self) -> str:
-        from vsense_ros.evaluate.terminal import PIPE_WIDTH, PlainConsole, show_drive
+    def show(self, out: Console) -> None:
+        """Print errors and coverage of the estimates."""
+        from vsense_ros.evaluate.terminal import show_drive
 
-        text = StringIO()
-        show_drive(self.drive, PlainConsole(file=text, width=PIPE_WIDTH))
-        return text.getvalue().strip("\n")
+        show_drive(self.drive, out)
 
 
 def export_results(source: Recording, path: str | Path) -> None:

@@ -136,7 +136,6 @@ def _explain(
     """Explain recordings, write and print the answer, and return its verdict."""
     from vsense_ros.api.explanation import explain as explained
     from vsense_ros.evaluate.terminal import console, progress, say
-    from vsense_ros.mismatch.terminal import printed
 
     car = load_car(vehicle)
     report.mkdir(parents=True, exist_ok=True)  # what cannot be written is said before it is searched for
@@ -153,7 +152,7 @@ def _explain(
             progress=done,
         )
     explanation.write(report)
-    printed(explanation.answer, console())
+    explanation.show(console())
     say(f"Results in {report}.")
     return explanation.answer.verdict
 

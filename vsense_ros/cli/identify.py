@@ -54,7 +54,7 @@ def identify(
     which every other command takes as --vehicle, report.html and identification.json.
     """
     from vsense_ros.api.identification import identify as identified
-    from vsense_ros.api.identification import show_identification, write_identification
+    from vsense_ros.api.identification import write_identification
     from vsense_ros.api.recording import read_all
     from vsense_ros.evaluate.terminal import console, progress, say
 
@@ -64,7 +64,7 @@ def identify(
     with progress("identifying") as done:
         found = identified(drives, car, model=model, free=free, hold_out=proof, progress=done)  # type: ignore[call-overload]
     write_identification(found, report)
-    show_identification(found, console())
+    found.show(console())
     say(f"Written to {report}: vehicle.yaml, report.html, identification.json.")
 
 

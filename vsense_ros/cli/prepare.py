@@ -115,19 +115,13 @@ def check(context: click.Context, vehicle: str, recordings: tuple[Path, ...], as
     mounting, latencies. The exit code is 0 if nothing looks wrong, and 1 otherwise.
     """
     from vsense_ros.api.preparation import check as checked
-    from vsense_ros.evaluate.terminal import say
-    from vsense_ros.files.names import printable
+    from vsense_ros.evaluate.terminal import console
 
     found = checked(vehicle, recordings)
     if as_json:
         click.echo(json.dumps(found.as_dict(), indent=2))
     else:
-        for sentence in found.sentences():
-            say(printable(f"Look at {sentence}{'' if sentence.endswith('?') else '.'}"))
-        if found.not_compared:
-            say(printable(f"The file was not compared with the sensors of the recordings. {found.not_compared}."))
-        if found.is_good:
-            say(f"Nothing looks wrong with {found.name}.")
+        found.show(console())
     context.exit(0 if found.is_good else DOUBTFUL)
 
 
@@ -168,7 +162,7 @@ def calibrate(recordings: tuple[Path, ...], vehicle: str, output: Path | None, a
     if as_json:
         click.echo(json.dumps(report.as_dict(found), indent=2))
         return
-    report.show(found, console())
+    found.show(console())
     say(f"Written to {target}. Next: vsense identify RECORDING... --vehicle {target}, or vsense run.")
 
 

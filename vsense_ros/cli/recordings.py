@@ -137,17 +137,14 @@ def info(bag: Path, mappings: tuple[Path, ...], databases: tuple[str, ...]) -> N
     cannot be right. BAG may also be a recording that `vsense import` reads.
     """
     from vsense_ros.api.recording import info as examined
-    from vsense_ros.evaluate.terminal import console, show_inspection, waiting
+    from vsense_ros.evaluate.terminal import console, waiting
 
     options: dict[str, Any] = {"dbc": databases} if databases else {}
     if mappings:
         options["mapping"] = mappings if len(mappings) > 1 else mappings[0]
     with waiting(f"reading {bag.name}"):
         found = examined(bag, **options)
-    show_inspection(found.inspection, console())
-    for mend in found.mends:
-        words = printable(mend)
-        click.echo(f"What would mend it: {words} (`vsense run` and `vsense explain` do it with --mend).")
+    found.show(console())
 
 
 @click.group(invoke_without_command=True, cls=Commands)

@@ -19,6 +19,7 @@ from rich.console import Console
 
 from vsense_ros.errors import InputError
 from vsense_ros.evaluate.metrics import align
+from vsense_ros.evaluate.printable import Printable
 from vsense_ros.evaluate.reference import at_reference
 from vsense_ros.evaluate.signals import read_signals
 from vsense_ros.evaluate.terminal import plain_table
@@ -40,8 +41,8 @@ FREE = {
 PRIOR = 0.2
 
 
-@dataclass(frozen=True)
-class CarIdentification:
+@dataclass(frozen=True, repr=False)
+class CarIdentification(Printable):
     """Vehicles before and after; by parameter its value before and after, its standard deviation, and true if the
     drives determine it; RMSE of the side slip [rad] by recording, before and after, where there is a reference."""
 
@@ -49,6 +50,23 @@ class CarIdentification:
     vehicle: Vehicle
     parameters: Mapping[str, tuple[float, float, float, bool]]
     side_slip: Mapping[str, tuple[float, float]]
+
+    @property
+    def title(self) -> str:
+        """Name of the vehicle, and how many parameters the drives determine."""
+        determined = sum(one[-1] for one in self.parameters.values())
+        return f"{self.vehicle.name}, {determined} of {len(self.parameters)} parameters determined"
+
+    def show(self, out: Console) -> None:
+        """Print the identified values with their standard deviations, and what could not be determined."""
+        table = plain_table("parameter", "before", "estimate", "±", "", right=("before", "estimate", "±"))
+        for name, (before, value, deviation, determined) in self.parameters.items():
+            table.add_row(
+                name, f"{before:.5g}", f"{value:.5g}", f"{deviation:.2g}", "determined" if determined else "refused"
+            )
+        out.print(table)
+        for sentence in sentences(self):
+            out.print(sentence)
 
 
 def identify(
@@ -126,18 +144,6 @@ def _side_slip(recording: Recording, vehicle: Vehicle) -> float:
         return float("nan")
     error = align(output["side_slip"], truth["side_slip"]).error[:, 0]
     return float(np.std(error))
-
-
-def show(found: CarIdentification, out: Console) -> None:
-    """For the terminal."""
-    table = plain_table("parameter", "before", "estimate", "±", "", right=("before", "estimate", "±"))
-    for name, (before, value, deviation, determined) in found.parameters.items():
-        table.add_row(
-            name, f"{before:.5g}", f"{value:.5g}", f"{deviation:.2g}", "determined" if determined else "refused"
-        )
-    out.print(table)
-    for sentence in sentences(found):
-        out.print(sentence)
 
 
 def sentences(found: CarIdentification) -> list[str]:

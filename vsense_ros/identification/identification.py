@@ -17,12 +17,13 @@ from vsense_ros.errors import InputError
 from vsense_ros.estimation.filter import Array
 from vsense_ros.estimation.integrated import Rates
 from vsense_ros.identification import best, handling_values, recorded
-from vsense_ros.identification.information import Information, Refusal, information, refusals, weigh
+from vsense_ros.identification.identified import Identification, Product, advice
+from vsense_ros.identification.information import Information, information, refusals, weigh
 from vsense_ros.identification.likelihood import Likelihood
 from vsense_ros.identification.open_loop import OpenLoop
 from vsense_ros.identification.progress import Progress, part
 from vsense_ros.identification.recorded import Signals
-from vsense_ros.identification.rinsing import Drive, Identifier, Noise, Rinsed, Schedule, rinse
+from vsense_ros.identification.rinsing import Drive, Identifier, Noise, Schedule, rinse
 from vsense_ros.identification.sensor_errors import STEERING, WithSensorErrors
 from vsense_ros.messages.recording import Recording
 from vsense_ros.model.handling import best_4dof
@@ -86,117 +87,6 @@ MODELS: Mapping[str, Handling] = {
     ),
 }
 WANDERING = {"steering_wander": (1e-3, 1e-3), "bank": (0.2, 0.07), "grade": (0.2, 0.05)}  # as offsets
-
-ADVICE = {
-    "yaw_inertia": "steer quickly, as in a lane change or a sine of 1 Hz",
-    "stiffness": "drive bends with more than 2 m/s² of lateral acceleration",
-    "peak": "drive bends up to where the car slides, as on a proving ground",
-    "shape": "drive bends beyond the largest lateral force",
-    "curvature": "drive bends up to the largest lateral force and beyond",
-    "longitudinal_ratio": "accelerate and brake hard, straight ahead",
-    "relaxation_length": "steer quickly, slow and fast",
-    "roll_gradient": "drive long bends, on a road without bank",
-    "roll": "change from left to right quickly, as in a slalom",
-    "cog_height": "change from left to right quickly, and brake hard",
-}
-
-
-@dataclass(frozen=True)
-class Product:
-    """The cornering stiffness of an axle's tyre, D C_α [N/rad], often determined where its factors are not. `halves`
-    has it by the first and by the second half of the drives, each with its standard deviation."""
-
-    axle: str
-    value: float
-    deviation: float
-    halves: tuple[tuple[float, float], tuple[float, float]]
-    is_determined: bool
-
-    @property
-    def apart(self) -> float:
-        """How many standard deviations the halves differ by."""
-        (a, s), (b, t) = self.halves
-        return abs(a - b) / float(np.hypot(s, t))
-
-
-@dataclass(frozen=True)
-class Identification:
-    """What came out. `found` is about the free parameters of the model, then the errors of the sensors."""
-
-    model: str
-    before: Vehicle
-    vehicle: Vehicle
-    start: dict[str, float]
-    free: tuple[str, ...]
-    found: Information
-    rinsed: Rinsed
-    refused: tuple[Refusal, ...]
-    products: tuple[Product, ...]
-    drives: tuple[Drive, ...]
-    fits: dict[
-        str, dict[str, tuple[float, float]]
-    ]  # by recording and output: 1 - RMS/σ of the model alone, before, after
-    side_slip: dict[str, float]  # RMSE of the model alone [rad], of recordings with a reference
-    held_out: tuple[str, ...]
-
-    @property
-    def values(self) -> dict[str, float]:
-        """All parameters of the model: those that are determined as identified, the rest as in the file."""
-        known = self.start | dict(zip(self.found.names, self.found.values.tolist(), strict=True))
-        kept = {refusal.name: self.start[refusal.name] for refusal in self.refused}
-        for product in self.products:
-            if product.is_determined:
-                kept[f"{product.axle}_stiffness"] = product.value / (known | kept)[f"{product.axle}_peak"]
-        return known | kept
-
-    @property
-    def determined(self) -> tuple[str, ...]:
-        """Names of the parameters that the drives determine."""
-        refused = {refusal.name for refusal in self.refused}
-        products = [f"{product.axle}_stiffness" for product in self.products if product.is_determined]
-        return tuple(dict.fromkeys([*(name for name in self.free if name not in refused), *products]))
-
-    def sentences(self) -> list[str]:
-        """Parameters that are not determined, why, and what would help; those that can hardly be separated."""
-        by_product = {f"{product.axle}_stiffness": product for product in self.products if product.is_determined}
-        lines = []
-        for refusal in self.refused:
-            outcome, alone = f"It stays {self.start[refusal.name]:.4g}", ""
-            if (product := by_product.get(refusal.name)) is not None:
-                alone = " alone"
-                outcome = (
-                    f"It gets the value with which its product with {product.axle}_peak, the cornering stiffness of a "
-                    f"{product.axle} tyre, is as the drives determine it: {product.value:.4g} ± "
-                    f"{product.deviation:.2g} N/rad"
-                )
-            lines.append(f"{refusal}. {outcome}. To determine it{alone}, {advice(refusal.name)}.")
-        weakest = self.found.weakest(
-            best_4dof.JUDGED_BY_CURVE + tuple(n for n in self.found.names if n not in self.free)
-        )
-        lines.append(f"The combination of parameters that is determined least, relative to each alone, is {weakest}.")
-        lines += [
-            f"{one} and {other} are hard to separate (correlation {correlation:+.2f})."
-            for one, other, correlation in self.found.pairs()
-            if one in self.free and other in self.free
-        ]
-        if not self.rinsed.settled:
-            lines.append(
-                f"After {len(self.rinsed.passes)} passes the curves still moved by "
-                f"{100 * self.rinsed.passes[-1].moved:.2g} % of their peak: the combination that is determined "
-                "least has not settled."
-            )
-        for product in self.products:
-            if product.apart > 3.0:
-                lines.append(
-                    f"The two halves of the drives differ in the cornering stiffness of the {product.axle} tyres by "
-                    f"{product.apart:.1f} standard deviations: tyres, load or road may have changed."
-                )
-        return lines
-
-
-def advice(name: str) -> str:
-    """Driving that would determine a parameter."""
-    return next((words for key, words in ADVICE.items() if key in name), "drive with more steering and braking")
 
 
 def identify(

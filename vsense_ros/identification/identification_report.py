@@ -12,65 +12,16 @@ import matplotlib
 import numpy as np
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
-from rich.console import Console
-from rich.text import Text
 
 from vsense_ros.estimation.filter import Array
 from vsense_ros.evaluate.html_page import embedded, write_page
 from vsense_ros.evaluate.picture import BAND, ESTIMATE, MUTED, STYLE
-from vsense_ros.evaluate.terminal import plain_table
 from vsense_ros.files.atomic import atomic_write
-from vsense_ros.identification.identification import Identification
+from vsense_ros.identification.identified import Identification, unit_of
 from vsense_ros.model.handling import best_4dof
 from vsense_ros.model.handling.best_4dof import PAPER, REACH, Best4Dof
 
-UNITS = {
-    "height": "m", "inertia": "kg m²", "roll_stiffness": "N m/rad", "roll_damping": "N m s/rad", "stiffness": "N/rad",
-    "offset": "rad", "delay": "s", "length": "m", "gradient": "rad s²/m",
-    "weight": "N", "wheelbase": "m", "half_track": "m", "radius": "m", "lag": "s",
-}  # fmt: skip
 _STEP = 1e-4  # of a prior deviation, for slopes of curves
-
-
-def unit_of(name: str) -> str:
-    """Unit of a parameter of a handling model."""
-    return next((unit for key, unit in UNITS.items() if key in name), "-")
-
-
-def rows(found: Identification) -> list[tuple[str, str, str, str, str, str]]:
-    """Rows for the free parameters and the errors of the sensors: name, before, after, standard deviation, unit,
-    verdict."""
-    refused = {refusal.name: refusal for refusal in found.refused}
-    made = []
-    for name, value, deviation in zip(found.found.names, found.found.values, found.found.deviations, strict=True):
-        verdict = "refused" if name in refused else "determined" if name in found.free else "sensor"
-        made.append((name, f"{found.start[name]:.4g}", f"{value:.4g}", f"{deviation:.2g}", unit_of(name), verdict))
-    for product in found.products:
-        before = found.start[f"{product.axle}_stiffness"] * found.start[f"{product.axle}_peak"]
-        verdict = "determined" if product.is_determined else "refused"
-        name = f"{product.axle} cornering stiffness, D C_α"
-        made.append((name, f"{before:.4g}", f"{product.value:.4g}", f"{product.deviation:.2g}", "N/rad", verdict))
-    return made
-
-
-def show(found: Identification, out: Console) -> None:
-    """Tables and sentences for the terminal."""
-    table = plain_table("parameter", "before", "estimate", "±", "unit", "", right=("before", "estimate", "±"))
-    for row in rows(found):
-        table.add_row(*(Text(cell, style="dim" if row[-1] == "refused" else "") for cell in row))
-    out.print(table)
-    out.print(f"{len(found.rinsed.passes)} passes. ± is one standard deviation, of prior and drives together.")
-    table = plain_table("model alone, 1 - error/σ", "before", "after", right=("before", "after"))
-    for name, outputs in found.fits.items():
-        mark = " (held out)" if name in found.held_out else ""
-        for output, (before, after) in outputs.items():
-            table.add_row(f"{name}{mark}: {output.replace('_', ' ')}", f"{before:.3f}", f"{after:.3f}")
-    out.print(table)
-    for name, error in found.side_slip.items():
-        mark = " (held out)" if name in found.held_out else ""
-        out.print(f"{name}{mark}: side slip of the model alone, RMSE {np.degrees(error):.3f}°.")
-    for sentence in found.sentences():
-        out.print(Text(sentence))
 
 
 def content(found: Identification) -> dict[str, Any]:
@@ -105,7 +56,7 @@ def write(found: Identification, folder: Path) -> Path:
         file.write(json.dumps(content(found), indent=2) + "\n")
     return write_page(
         folder / "report.html", "vsense_ros.identification", "identification.html.j2",
-        title=f"{found.before.name}: parameters identified", found=found, rows=rows(found),
+        title=f"{found.before.name}: parameters identified", found=found, rows=found.rows(),
         degrees={name: f"{np.degrees(value):.3f}" for name, value in found.side_slip.items()},
         pictures=[(title, _encoded(figure)) for title, figure in pictures(found).items()],
     )  # fmt: skip

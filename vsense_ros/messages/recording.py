@@ -83,7 +83,7 @@ class Sample:
     received: int | None = None  # time of arrival [ns]; None: unknown
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class Channel:
     """All messages of one topic, one row each, in order of arrival.
 
@@ -111,6 +111,9 @@ class Channel:
 
     def __len__(self) -> int:
         return len(self.stamp)
+
+    def __repr__(self) -> str:
+        return f"<Channel: {self.topic}, {self.kind}, {len(self)} messages>"
 
     @property
     def seconds(self) -> NDArray[np.float64]:
@@ -174,7 +177,7 @@ class Channel:
         )
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class Recording:
     """Channels by topic, and what the reader had to say about the file they come from."""
 
@@ -184,6 +187,13 @@ class Recording:
     messages_lost: int = 0
     metadata: Mapping[str, str] = field(default_factory=dict)
     damage: tuple[str, ...] = ()  # what is known to be cut off or broken of the file, of which `notes` may say more
+
+    def __repr__(self) -> str:
+        return f"<Recording: {self.name or 'unnamed'}, {self.duration:.1f} s, {', '.join(self.channels) or 'empty'}>"
+
+    def __iter__(self) -> Iterator[str]:
+        """Topics."""
+        return iter(self.channels)
 
     def __contains__(self, topic: str) -> bool:
         return topic in self.channels

@@ -15,12 +15,14 @@ import time
 from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 from scipy.stats import chi2
 
 from vsense_ros.checks.correcting import mended
 from vsense_ros.errors import InputError
+from vsense_ros.evaluate.printable import Printable
 from vsense_ros.files.atomic import atomic_write
 from vsense_ros.files.vehicle import save_vehicle
 from vsense_ros.identification.free_parameter import FreeParameter
@@ -47,12 +49,16 @@ from vsense_ros.mismatch.search import Search
 from vsense_ros.mismatch.search_settings import EFFORT
 from vsense_ros.mismatch.selection import most_telling
 from vsense_ros.mismatch.simulation import LOST, Predictor
+from vsense_ros.mismatch.terminal import printed
 from vsense_ros.mismatch.thresholds import THRESHOLDS
 from vsense_ros.mismatch.validation import Validation
 from vsense_ros.mismatch.verdict import Judged, judge
 from vsense_ros.mismatch.windows import Dataset
 from vsense_ros.model.effects import BY_ID
 from vsense_ros.model.vehicle import Vehicle
+
+if TYPE_CHECKING:
+    from rich.console import Console
 
 ABLATIONS = ("no_refit", "no_projection", "chi2_thresholds")
 # [s] of driving that is fitted at most, and as much that it is proven on: more of it takes hours and tells little more.
@@ -69,13 +75,22 @@ PLACE = ("stretch", "distance", "latitude", "longitude", "direction")
 NOWHERE = Located(signals=(), segments=(), lost=(), region=None, force=None, parts=())
 
 
-@dataclass(frozen=True)
-class Explanation:
+@dataclass(frozen=True, repr=False)
+class Explanation(Printable):
     """An answer, and what else a report shows."""
 
     answer: Answer
     traces: list[Trace] = field(default_factory=list)
     extended: Vehicle | None = None
+
+    @property
+    def title(self) -> str:
+        """The answer in words."""
+        return f"{self.answer.vehicle}: {self.answer.sentence}"
+
+    def show(self, out: Console) -> None:
+        """Print the answer, what was tried, and how well the model fits before and after."""
+        printed(self.answer, out)
 
     def write(self, folder: Path) -> None:
         """explain.json, report.html, where something is named vehicle.extended.yaml, and road.csv where that changes

@@ -74,6 +74,11 @@ class Vehicle(Part):
         default_factory=dict,
     )
 
+    def __repr__(self) -> str:
+        return f"<Vehicle: {self.name}>"
+
+    __str__ = __repr__
+
     @model_validator(mode="after")
     def _uncertain_numbers_exist(self) -> Vehicle:
         for path in self.uncertainty:

@@ -4,10 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from vsense_ros.errors import InputError
+from vsense_ros.evaluate.printable import Printable
+from vsense_ros.evaluate.terminal import plain_table
 from vsense_ros.messages.recording import Recording
 from vsense_ros.model.vehicle import Vehicle
 from vsense_ros.prepare.calibrate_course import course
@@ -18,20 +21,42 @@ from vsense_ros.prepare.calibrate_steering import steering
 from vsense_ros.prepare.calibrated import Calibrated, apply
 from vsense_ros.prepare.calibration_drive import CALIBRATION, CalibrationDrive, drive_of
 
+if TYPE_CHECKING:
+    from rich.console import Console
+
 Estimator = Callable[[Sequence[CalibrationDrive], Vehicle], Iterable[Calibrated]]
 
 # Each begins with what those before it have changed: what a turn does needs the gyro's bias and the latencies.
 ESTIMATORS: tuple[Estimator, ...] = (radii, course, steering, inertial, noise_levels)
 
 
-@dataclass(frozen=True)
-class Calibration:
+@dataclass(frozen=True, repr=False)
+class Calibration(Printable):
     """A vehicle before and after, every quantity that was looked at, and sentences about sensors that are missing."""
 
     before: Vehicle
     vehicle: Vehicle
     quantities: tuple[Calibrated, ...]
     missing: tuple[str, ...] = ()
+
+    @property
+    def title(self) -> str:
+        """Name of the vehicle, and how many quantities changed."""
+        changed = sum(one.is_changed for one in self.quantities)
+        return f"{self.vehicle.name}, {changed} of {len(self.quantities)} quantities changed"
+
+    def show(self, out: Console) -> None:
+        """Print what changed, by how much and how sure that is, and what to drive next."""
+        table = plain_table("quantity", "before", "after", "±", "unit", "", right=("before", "after", "±"))
+        for one in self.quantities:
+            stays = "agrees with the file, stays" if one.determined else "not determined, stays"
+            after, words = (f"{one.after:.4g}", "") if one.is_changed else (f"({one.after:.4g})", stays)
+            table.add_row(one.name, f"{one.before:.4g}", after, f"{one.deviation:.2g}", one.unit, words)
+        out.print(table)
+        for sentence in self.missing:
+            out.print(sentence)
+        for advice in self.advice:
+            out.print(f"To drive next: {advice}.")
 
     @property
     def paths(self) -> tuple[str, ...]:

@@ -5,18 +5,22 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from vsense_ros.errors import InputError
+from vsense_ros.evaluate.printable import Printable
 from vsense_ros.files.vehicle import load_content, load_vehicle
 from vsense_ros.messages.recording import Recording
 from vsense_ros.model.vehicle import Vehicle
 from vsense_ros.prepare.car_check import CarFinding, check_car, check_document, in_words
 from vsense_ros.prepare.recording_check import FitCheck, FitFinding, check_fit
 
+if TYPE_CHECKING:
+    from rich.console import Console
 
-@dataclass(frozen=True)
-class VehicleCheck:
+
+@dataclass(frozen=True, repr=False)
+class VehicleCheck(Printable):
     """What was found in a vehicle file: the reason why it is no car (`refused`), or findings of one that is."""
 
     name: str
@@ -35,6 +39,21 @@ class VehicleCheck:
         """What was found, one sentence each."""
         of_fit = [f"{one.recording}: {one.sentence}" for one in self.fit]
         return [*self.refused.splitlines(), *(in_words(finding) for finding in self.findings), *of_fit]
+
+    @property
+    def title(self) -> str:
+        """Name of the vehicle, and how much was found."""
+        return f"{self.name}, {'nothing looks wrong' if self.is_good else f'{len(self.sentences())} findings'}"
+
+    def show(self, out: Console) -> None:
+        """Print what to look at, or that nothing looks wrong."""
+        for sentence in self.sentences():
+            out.print(f"Look at {sentence}{'' if sentence.endswith('?') else '.'}", soft_wrap=True)
+        if self.not_compared:
+            reason = f"The file was not compared with the sensors of the recordings. {self.not_compared}."
+            out.print(reason, soft_wrap=True)
+        if self.is_good:
+            out.print(f"Nothing looks wrong with {self.name}.", soft_wrap=True)
 
     def as_dict(self) -> dict[str, Any]:
         """What was found, for JSON."""

@@ -8,8 +8,8 @@ from typing import Any
 
 import vsense_ros as vs
 from vsense_ros.api.identification import write_identification
-from vsense_ros.identification import identification_report
 from vsense_ros.identification.car_identification import CarIdentification
+from vsense_ros.identification.identified import unit_of
 from vsense_ros.studio.tasks.data import recordings_of
 
 
@@ -31,7 +31,7 @@ def identify(options: dict[str, Any], folder: Path, progress: Callable[[float], 
     rows = [
         {
             "name": name, "before": found.start[name], "after": float(value), "deviation": float(deviation),
-            "unit": identification_report.unit_of(name), "determined": name not in refused and name in found.free,
+            "unit": unit_of(name), "determined": name not in refused and name in found.free,
             "of_sensor": name not in found.free,
         }
         for name, value, deviation in zip(names, found.found.values, found.found.deviations, strict=True)
