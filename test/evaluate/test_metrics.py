@@ -212,7 +212,7 @@ def test_what_has_no_reference_is_named():
     output = slalom("vsense", duration=5.0)
     slip = channel("vsense/wheel_slip/fl", "geometry_msgs/msg/Vector3Stamped", seconds, {"vector": np.zeros((50, 3))})
     output = recording(*output.channels.values(), slip)
-    missing = without_reference(output, recording(odometry("reference/odometry", seconds)))
+    missing = without_reference(output, compare(output, recording(odometry("reference/odometry", seconds))))
     assert {"wheel_force_rr_z", "lateral_acceleration", "wheel_slip_fl"} <= set(missing)
     assert "speed" not in missing
 

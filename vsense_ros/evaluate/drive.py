@@ -73,13 +73,14 @@ class Drive:
         notes: tuple[str, ...] = (),
     ) -> Drive:
         """Compare the output of a run with the reference of its input; forces are added up for a `vehicle`."""
+        scores = compare(run.output, input)
         return cls(
             name=name,
             title=title,
             input=input,
             output=run.output,
-            scores=compare(run.output, input),
-            unreferenced=tuple(without_reference(run.output, input)),
+            scores=scores,
+            unreferenced=tuple(without_reference(run.output, scores)),
             step_us_median=run.step_us_median,
             realtime_factor=run.realtime_factor,
             messages_lost=run.messages_lost,

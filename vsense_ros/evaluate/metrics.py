@@ -6,6 +6,7 @@ never extrapolated, and never across a gap of more than `LONGEST_GAP`.
 
 from __future__ import annotations
 
+from collections.abc import Collection
 from dataclasses import dataclass
 
 import numpy as np
@@ -85,9 +86,9 @@ def compare(output: Recording, input: Recording) -> dict[str, SignalScore]:
     return {name: found for name, found in scores.items() if found is not None}
 
 
-def without_reference(output: Recording, input: Recording) -> list[str]:
-    """What `output` estimates and `input` has no truth for: signals, and topics that hold none of the signals."""
-    scored = compare(output, input)
+def without_reference(output: Recording, scored: Collection[str]) -> list[str]:
+    """What `output` estimates and no reference is known for: signals that were not `scored`, and topics that hold none
+    of the signals."""
     missing = [name for name in read_signals(output, "vsense") if name not in scored]
     for topic, channel in output.channels.items():
         name = topic.removeprefix("/")

@@ -182,8 +182,8 @@ class CarMemory:
     def longitudinal_shares(self) -> Array:
         """Share of each wheel in the longitudinal force that the model lacks, (4,); zero where no axle is known to be
         driven."""
-        shares = self.prior.torques.shares
-        return shares[self.brakes] if shares.any() else shares[BRAKING]
+        torques = self.prior.torques
+        return torques.shares[self.brakes if torques.shares_known else BRAKING]
 
     def _numbers(self, h: float, brakes: int) -> Array:
         """The numbers of the process within `h` [s] with brakes like these."""

@@ -9,6 +9,7 @@ of tyres that differ by a third of a percent look like axles that pull against e
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 from math import sin
 
 import numpy as np
@@ -67,10 +68,15 @@ class TorqueErrors:
         drag = 0.5 * AIR_DENSITY * physics.aerodynamics.drag_area / physics.chassis.mass
         return cls(covariance, rate, shares, train.engine_braking, drag, rolling or bool(noises))
 
+    @cached_property
+    def shares_known(self) -> bool:
+        """True if the vehicle file says which wheels are driven."""
+        return bool(self.shares.any())
+
     @property
     def determine_forces(self) -> bool:
         """True if the share of each wheel in the longitudinal force is determined: by sensors, or by what is driven."""
-        return self.measured or bool(self.shares.any())
+        return self.measured or self.shares_known
 
     def mode(self, udot: Array, u: Array, disturbances: Array) -> int:
         """`RELEASED` or `BRAKING`, from the accelerations (14,), the velocities (14,) and the slope of the road."""
