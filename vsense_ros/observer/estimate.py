@@ -47,6 +47,7 @@ _OVER_AND_OF_ROAD = np.column_stack([np.eye(6), [0, 0, 1, 0, 0, 0], [0, 0, 0, 1,
 _VELOCITY, _RATES = (slice(TWIST.start + part.start, TWIST.start + part.stop) for part in (slice(0, 3), slice(3, 6)))
 _LONGITUDINAL_FORCES = slice(0, None, 4)
 _LATERAL_FORCES = slice(1, None, 4)  # of force x, y, z and moment of each wheel
+_UNKNOWN = np.full(6, np.nan)
 _SMALLEST_SPEED = 0.5  # [m/s] below it a side-slip angle has no meaning
 
 
@@ -72,7 +73,9 @@ class Estimate:
     vehicle: Vehicle
     # (6,) force [N] and moment [N m] of the tyres beyond what the inertial sensor feels, as `model.car.balance` and
     # low-passed; NaN while it is not heard.
-    unbalanced: Array = field(default_factory=lambda: np.full(6, np.nan))
+    unbalanced: Array = field(default_factory=_UNKNOWN.copy)
+    # (6,) variances of velocity and rates that contradictions between sensors add, until it is decided who is wrong.
+    undecided: Array = field(default_factory=lambda: np.zeros(6))
     longitudinal_shares: Array = field(default_factory=lambda: np.zeros(4))  # as `CarMemory`
     undetermined: Array = field(default_factory=lambda: np.zeros(2, dtype=bool))  # as `observable.undetermined`
 
@@ -111,13 +114,14 @@ class Estimate:
 
     @property
     def twist_covariance(self) -> Array:
-        """Covariance of velocity and rates (6, 6), with what innovations do not show."""
+        """Covariance of velocity and rates (6, 6), with what innovations do not show and what is `undecided`."""
         return self._motion_covariances[1]
 
     @cached_property
     def _motion_covariances(self) -> tuple[Array, Array]:
         pose, twist = _on_map(self.covariance), self.covariance[..., TWIST, TWIST].copy()
         add_unseen(pose, twist, self, self.vehicle.observer.unseen, self.car.receiver_noise)
+        twist[..., range(6), range(6)] += self.undecided
         return pose, twist
 
     @cached_property

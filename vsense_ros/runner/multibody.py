@@ -239,7 +239,7 @@ class CarAdapter(Adapter):
 
     def widen_published(self, snapshot: Estimate, apart: Apart) -> None:
         for element, deviation in zip(_UNDECIDED, apart, strict=True):
-            snapshot.twist_covariance[element, element] += deviation**2
+            snapshot.undecided[element] = deviation**2
 
     def vitals(self, snapshot: Estimate) -> Vitals:
         with np.errstate(invalid="ignore"):  # a road that is steeper than any leaves no attitude
