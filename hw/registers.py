@@ -1,6 +1,6 @@
 """Writes what is made from the list of registers: python hw/registers.py
 
-hw/control/register_map.sv, hw/registers.h, and the table in hw/README.md between its two marks.
+register_map.sv and chosen_kernel.sv in hw/control, hw/registers.h, and the table in hw/README.md between its marks.
 """
 
 from pathlib import Path
@@ -17,7 +17,8 @@ def written() -> dict[Path, str]:
     before, _, rest = readme.read_text(encoding="utf-8").partition(BEGIN)
     _, _, after = rest.partition(END)
     return {
-        HERE / "control" / "register_map.sv": registers.systemverilog(),
+        HERE / "control" / "register_map.sv": registers.package(),
+        HERE / "control" / "chosen_kernel.sv": registers.chosen_kernel(),
         HERE / "registers.h": registers.c_header(),
         readme: before + BEGIN + registers.markdown() + END + after,
     }

@@ -8,14 +8,14 @@
 // rest of a packet will never come, `soft_reset`, a reset of one clock of all but this bus, begins anew. Any reset, of
 // one clock or more, may come at any time; results of requests after it are right.
 // AXI4-Lite: address and data of a write may come in any order; one write and one read at a time.
-module controlled_kernel
-  import register_map::*;
-#(
-    parameter int NUMBER = 1
+module controlled_kernel #(
+    parameter int NUMBER = 1,
+    parameter int WORDS_IN = register_map::words_in_of(NUMBER),
+    parameter int TABLE_WORDS = register_map::table_words_of(NUMBER)
 ) (
     input  logic        clk,
     input  logic        rst_n,
-    input  logic [ADDRESS_BITS-1:0] s_axi_awaddr,
+    input  logic [register_map::ADDRESS_BITS-1:0] s_axi_awaddr,
     input  logic        s_axi_awvalid,
     output logic        s_axi_awready,
     input  logic [31:0] s_axi_wdata,
@@ -24,7 +24,7 @@ module controlled_kernel
     output logic [1:0]  s_axi_bresp,
     output logic        s_axi_bvalid,
     input  logic        s_axi_bready,
-    input  logic [ADDRESS_BITS-1:0] s_axi_araddr,
+    input  logic [register_map::ADDRESS_BITS-1:0] s_axi_araddr,
     input  logic        s_axi_arvalid,
     output logic        s_axi_arready,
     output logic [31:0] s_axi_rdata,
@@ -32,6 +32,10 @@ module controlled_kernel
     output logic        s_axi_rvalid,
     input  logic        s_axi_rready,
     output logic        irq,
+`ifdef FORMAL
+    output logic        in_soft_reset, is_idle,
+    output logic [31:0] result_count, aborted_count, malformed_count,
+`endif
     input  logic        s_tvalid,
     output logic        s_tready,
     input  logic [31:0] s_tdata,
@@ -68,8 +72,13 @@ module controlled_kernel
   wire amid = open & (begun | taken) & ~(taken & s_tlast);  // the rest of a packet is still to come
   wire ended = all_out | (all_in & of_table) | all_dropped | (gives_up & ~amid);
 
+`ifdef FORMAL
+  assign {in_soft_reset, is_idle} = {soft_reset, ~busy & ~start};
+  assign {result_count, aborted_count, malformed_count} = {requests, aborted, malformed};
+`endif
+
   // One write and one read at a time.
-  logic [ADDRESS_BITS-1:0] at;
+  logic [register_map::ADDRESS_BITS-1:0] at;
   logic [31:0] word;
   logic        have_address, have_word;
   assign s_axi_awready = ~have_address & ~s_axi_bvalid;
@@ -79,7 +88,7 @@ module controlled_kernel
   assign s_axi_arready = ~s_axi_rvalid;
   wire writes = have_address & have_word & ~s_axi_bvalid;
   wire reads = s_axi_arvalid & s_axi_arready;
-  wire reads_control = reads & (s_axi_araddr == CONTROL);
+  wire reads_control = reads & (s_axi_araddr == register_map::CONTROL);
   assign irq = global_enable & |(happened & enabled);
 
   always_ff @(posedge clk) begin
@@ -96,7 +105,7 @@ module controlled_kernel
   end
 
   always_ff @(posedge clk) begin
-    soft_reset <= rst_n & writes & (at == CONTROL) & word[CONTROL_SOFT_RESET];
+    soft_reset <= rst_n & writes & (at == register_map::CONTROL) & word[register_map::CONTROL_SOFT_RESET];
     forget <= ~reset & (wrong | gives_up);
     if (reset) begin
       start <= 1'b0; done <= 1'b0; ready <= 1'b0; again <= 1'b0; open <= 1'b0; busy <= 1'b0; dropping <= 1'b0;
@@ -109,8 +118,8 @@ module controlled_kernel
       if (reads_control) begin done <= 1'b0; ready <= 1'b0; end
       if (start & ~busy & ~forget & ~abort) begin
         busy <= 1'b1; open <= 1'b1; begun <= 1'b0; given_up <= 1'b0; clocks <= '0;
-        of_table <= table_mode & (table_words_of(NUMBER) != 0);
-        left <= (table_mode & (table_words_of(NUMBER) != 0)) ? table_words_of(NUMBER) : words_in_of(NUMBER);
+        of_table <= table_mode & (TABLE_WORDS != 0);
+        left <= (table_mode & (TABLE_WORDS != 0)) ? TABLE_WORDS : WORDS_IN;
       end
       if (busy) clocks <= clocks + 1'b1;
       if (taken) begun <= 1'b1;
@@ -120,16 +129,16 @@ module controlled_kernel
         open <= 1'b0; dropping <= 1'b0;
         if (~given_up) begin
           ready <= 1'b1; start <= again;
-          happened[INTERRUPT_STATUS_READY] <= 1'b1;
+          happened[register_map::INTERRUPT_STATUS_READY] <= 1'b1;
         end
       end
       if (all_out) requests <= requests + 1'b1;
       if (all_dropped & ~given_up) malformed <= malformed + 1'b1;
       if (ended) begin
         busy <= 1'b0; done <= 1'b1;
-        happened[INTERRUPT_STATUS_DONE] <= 1'b1;
-        status <= (gives_up | given_up) ? STATUS_FAULT : all_dropped ? STATUS_WRONG_SIZE
-                : (all_out & kernel_err) ? refusal_of(NUMBER) : STATUS_OK;
+        happened[register_map::INTERRUPT_STATUS_DONE] <= 1'b1;
+        status <= (gives_up | given_up) ? register_map::STATUS_FAULT : all_dropped ? register_map::STATUS_WRONG_SIZE
+                : (all_out & kernel_err) ? register_map::refusal_of(NUMBER) : register_map::STATUS_OK;
         compute <= all_out ? kernel_cycles : '0;
         link <= all_out ? clocks + 1'b1 - kernel_cycles : clocks + 1'b1;
       end
@@ -140,38 +149,39 @@ module controlled_kernel
 
       if (writes) begin
         case (at)
-          CONTROL: begin
-            if (word[CONTROL_ABORT]) abort <= 1'b1;
-            else if (word[CONTROL_START]) start <= 1'b1;
-            again <= word[CONTROL_AUTO_RESTART];
+          register_map::CONTROL: begin
+            if (word[register_map::CONTROL_ABORT]) abort <= 1'b1;
+            else if (word[register_map::CONTROL_START]) start <= 1'b1;
+            again <= word[register_map::CONTROL_AUTO_RESTART];
           end
-          GLOBAL_INTERRUPT: global_enable <= word[GLOBAL_INTERRUPT_ENABLE];
-          INTERRUPT_ENABLE: enabled <= word[1:0];
-          INTERRUPT_STATUS: happened <= (happened ^ word[1:0]) | {(all_in | all_dropped) & ~given_up, ended};  // no event is lost
-          MODE: table_mode <= word[MODE_TABLE];
+          register_map::GLOBAL_INTERRUPT: global_enable <= word[register_map::GLOBAL_INTERRUPT_ENABLE];
+          register_map::INTERRUPT_ENABLE: enabled <= word[1:0];
+          register_map::INTERRUPT_STATUS:  // no event is lost
+            happened <= (happened ^ word[1:0]) | {(all_in | all_dropped) & ~given_up, ended};
+          register_map::MODE: table_mode <= word[register_map::MODE_TABLE];
           default: ;
         endcase
       end
     end
     if (reads) begin
       case (s_axi_araddr)
-        CONTROL: s_axi_rdata <= {24'd0, again, 3'd0, ready, ~busy & ~start & ~forget, done, start};
-        GLOBAL_INTERRUPT: s_axi_rdata <= {31'd0, global_enable};
-        INTERRUPT_ENABLE: s_axi_rdata <= {30'd0, enabled};
-        INTERRUPT_STATUS: s_axi_rdata <= {30'd0, happened};
-        KERNEL: s_axi_rdata <= NUMBER;
-        MAP_VERSION: s_axi_rdata <= map_version_of(NUMBER);
-        SIZE: s_axi_rdata <= size_of(NUMBER);
-        WORDS_IN: s_axi_rdata <= words_in_of(NUMBER);
-        WORDS_OUT: s_axi_rdata <= words_out_of(NUMBER);
-        TABLE_WORDS: s_axi_rdata <= table_words_of(NUMBER);
-        MODE: s_axi_rdata <= {31'd0, table_mode};
-        STATUS: s_axi_rdata <= {29'd0, status};
-        COMPUTE_CYCLES: s_axi_rdata <= compute;
-        LINK_CYCLES: s_axi_rdata <= link;
-        REQUESTS: s_axi_rdata <= requests;
-        ABORTED: s_axi_rdata <= aborted;
-        MALFORMED: s_axi_rdata <= malformed;
+        register_map::CONTROL: s_axi_rdata <= {24'd0, again, 3'd0, ready, ~busy & ~start & ~forget, done, start};
+        register_map::GLOBAL_INTERRUPT: s_axi_rdata <= {31'd0, global_enable};
+        register_map::INTERRUPT_ENABLE: s_axi_rdata <= {30'd0, enabled};
+        register_map::INTERRUPT_STATUS: s_axi_rdata <= {30'd0, happened};
+        register_map::KERNEL: s_axi_rdata <= NUMBER;
+        register_map::MAP_VERSION: s_axi_rdata <= register_map::map_version_of(NUMBER);
+        register_map::SIZE: s_axi_rdata <= register_map::size_of(NUMBER);
+        register_map::WORDS_IN: s_axi_rdata <= WORDS_IN;
+        register_map::WORDS_OUT: s_axi_rdata <= register_map::words_out_of(NUMBER);
+        register_map::TABLE_WORDS: s_axi_rdata <= TABLE_WORDS;
+        register_map::MODE: s_axi_rdata <= {31'd0, table_mode};
+        register_map::STATUS: s_axi_rdata <= {29'd0, status};
+        register_map::COMPUTE_CYCLES: s_axi_rdata <= compute;
+        register_map::LINK_CYCLES: s_axi_rdata <= link;
+        register_map::REQUESTS: s_axi_rdata <= requests;
+        register_map::ABORTED: s_axi_rdata <= aborted;
+        register_map::MALFORMED: s_axi_rdata <= malformed;
         default: s_axi_rdata <= '0;
       endcase
     end

@@ -1,4 +1,4 @@
-// One property of each unit, for SymbiYosys: a sum does not change when its operands are exchanged; a number times one
+// One property of each unit: a sum does not change when its operands are exchanged; a number times one
 // is that number, with one pattern for every NaN and zero for subnormal numbers; over zero, subnormal numbers among it, a
 // number is infinite with the right sign, zero and NaN are NaN.
 module formal_add (input logic clk, input logic [31:0] a, input logic [31:0] b);

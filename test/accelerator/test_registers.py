@@ -97,7 +97,7 @@ def built(tmp_path_factory: pytest.TempPathFactory) -> Callable[[Kernel], Contro
     def build(kernel: Kernel) -> Controlled:
         if kernel.name not in made:
             place = tmp_path_factory.mktemp(kernel.name)
-            files = [HW / "control" / "register_map.sv", HW / "control" / "controlled_kernel.sv"]
+            files = [HW / "control" / f"{name}.sv" for name in ("register_map", "chosen_kernel", "controlled_kernel")]
             files += sorted(sources().glob("*.sv"))
             subprocess.run(
                 ["verilator", "--cc", "-O3", "--noassert", "-Wno-fatal", "-Wno-WIDTH", "--top-module",

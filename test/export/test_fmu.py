@@ -78,6 +78,101 @@ def test_a_unit_is_valid_and_has_the_bits_of_the_c_export_and_the_estimates_of_p
     assert found.python < 1e-9
 
 
+def test_a_unit_of_scalars_has_the_same_bits(vehicle: Vehicle, drive: Recording, tmp_path: Path) -> None:
+    path = tmp_path / "scalars.fmu"
+    fmu.write(vehicle, path, 3, scalars=True, optimised=QUICK)
+    found = fmu_check.compare(vehicle, path, 3, drive, optimised=QUICK, scalars=True)
+    assert (found.remarks, found.bitwise) == ([], True)
+
+
+@pytest.mark.parametrize(
+    ("name", "file", "begins"),
+    [("aarch64-linux", "aarch64-linux/{}.so", b"\x7fELF"), ("x86_64-windows", "x86_64-windows/{}.dll", b"MZ")],
+)
+def test_a_unit_has_a_binary_for_each_machine_that_was_named(
+    vehicle: Vehicle, tmp_path: Path, name: str, file: str, begins: bytes
+) -> None:
+    if shutil.which(fmu.TARGETS[name].compiler) is None:
+        pytest.skip(f"{fmu.TARGETS[name].compiler} is not installed here")
+    path = tmp_path / "unit.fmu"
+    fmu.write(vehicle, path, 3, targets=[name], optimised=QUICK)
+    assert validate_fmu(str(path)) == []
+    with zipfile.ZipFile(path) as archive:
+        (binary,) = (n for n in archive.namelist() if n.startswith("binaries/"))
+        assert binary == f"binaries/{file.format(fmu.Unit(vehicle).identifier)}"
+        assert archive.read(binary).startswith(begins)
+
+
+_CALLS_IN_ANY_ORDER = """
+import ctypes, random, sys
+library, token, sizes, seed = ctypes.CDLL(sys.argv[1]), sys.argv[2].encode(), int(sys.argv[3]), int(sys.argv[4])
+choose = random.Random(seed)
+library.fmi2Instantiate.restype = ctypes.c_void_p
+@ctypes.CFUNCTYPE(None)
+def nothing(): pass
+class Callbacks(ctypes.Structure):
+    _fields_ = [(n, ctypes.c_void_p) for n in ("logger", "allocate", "free", "finished", "environment")]
+callbacks = Callbacks()
+made = library.fmi2Instantiate(b"one", 1, token, None, ctypes.byref(callbacks), 0, 0)
+assert made
+reals, references = (ctypes.c_double * 4)(), (ctypes.c_uint * 4)()
+count, state, other = ctypes.c_size_t(), ctypes.c_void_p(), (ctypes.c_char * sizes)()
+def one():
+    real = choose.choice([0.0, 0.01, -1.0, float("nan"), float("inf"), 1e300, 4.0])
+    for k in range(4):
+        references[k] = choose.choice([0, 1000, 5000, 6001, 7027, 900000, 2**32 - 1, choose.randrange(20000)])
+        reals[k] = real
+    n = choose.choice([0, 1, 4])
+    c = ctypes.c_void_p(choose.choice([made, made, made, None]))
+    d = ctypes.c_double
+    name, *rest = choose.choice([
+        ("SetupExperiment", 0, d(0), d(real), 0, d(1)), ("EnterInitializationMode",), ("ExitInitializationMode",),
+        ("Terminate",), ("Reset",), ("GetReal", references, ctypes.c_size_t(n), reals),
+        ("SetReal", references, ctypes.c_size_t(n), reals), ("GetReal", None, ctypes.c_size_t(n), None),
+        ("SetInteger", references, ctypes.c_size_t(n), (ctypes.c_int * 4)()),
+        ("GetInteger", references, ctypes.c_size_t(n), (ctypes.c_int * 4)()),
+        ("GetFMUstate", ctypes.byref(state)), ("SetFMUstate", state), ("FreeFMUstate", ctypes.byref(state)),
+        ("SerializedFMUstateSize", state, ctypes.byref(count)),
+        ("SerializeFMUstate", state, other, ctypes.c_size_t(sizes)),
+        ("DeSerializeFMUstate", other, ctypes.c_size_t(choose.choice([sizes, 0, sizes - 1])), ctypes.byref(state)),
+        ("DoStep", d(choose.choice([0.0, real])), d(choose.choice([0.01, real])), 1), ("CancelStep",),
+        ("GetRealStatus", 2, reals), ("GetDirectionalDerivative", references, ctypes.c_size_t(n), references,
+         ctypes.c_size_t(n), reals, reals),
+    ])
+    return name, getattr(library, "fmi2" + name)(c, *rest), c.value
+answers = [one() for _ in range(1500)]
+assert all(status != 0 for name, status, c in answers if c is None and name != "FreeFMUstate"), answers
+assert {status for _, status, _ in answers} <= {0, 2, 3}
+print(len({name for name, status, _ in answers if status == 0}))
+"""
+
+
+@pytest.mark.exam
+@pytest.mark.parametrize("seed", range(8))
+def test_calls_in_any_order_are_refused_or_done_and_never_end_the_process(
+    units: dict[int, Path], vehicle: Vehicle, tmp_path: Path, seed: int
+) -> None:
+    with zipfile.ZipFile(units[2]) as archive:
+        (binary,) = (name for name in archive.namelist() if name.endswith(".so"))
+        archive.extract(binary, tmp_path)
+    unit = running(units, vehicle, 2)
+    size = len(unit.save()) - 4 * len(unit.unit.sensors)
+    unit.close()
+    command = [sys.executable, "-c", _CALLS_IN_ANY_ORDER, str(tmp_path / binary), fmu.Unit(vehicle).token(2)]
+    done = subprocess.run([*command, str(size), str(seed)], capture_output=True, text=True)
+    assert done.returncode == 0, done.stderr[-800:]
+    assert int(done.stdout) > 5  # kinds of calls that were done
+
+
+def test_a_damaged_state_is_refused(units: dict[int, Path], vehicle: Vehicle) -> None:
+    unit = running(units, vehicle, 3)
+    data = bytearray(unit.save())
+    data[2000] ^= 64
+    with pytest.raises(FMICallException):
+        unit.restore(bytes(data))
+    unit.close()
+
+
 _REST_OF_THE_DRIVE = """
 import sys, numpy as np, pickle
 from pathlib import Path

@@ -73,6 +73,7 @@ REGISTERS = (
     Register("MALFORMED", 0x40, "ro", "packets of a wrong length since the reset"),
 )
 ADDRESS_BITS = 7
+_MADE = "// Made by hw/registers.py from vsense_ros/accelerator/registers.py."
 MAP_VERSION = 2  # 1 had no end of a packet, no abort and no soft reset
 
 
@@ -84,13 +85,18 @@ def values(kernel: Kernel) -> dict[str, int]:
     }  # fmt: skip
 
 
-def systemverilog() -> str:
-    """The package `register_map`, and the module that holds the kernel of a number."""
-    return "\n".join([*_package(), "", *_chosen()]) + "\n"
+def package() -> str:
+    """The package `register_map` in SystemVerilog."""
+    return "\n".join(_package()) + "\n"
+
+
+def chosen_kernel() -> str:
+    """The module that holds the kernel of a number, in SystemVerilog."""
+    return "\n".join(_chosen()) + "\n"
 
 
 def _package() -> Iterator[str]:
-    yield "// Made by hw/registers.py from vsense_ros/accelerator/registers.py."
+    yield _MADE
     yield "package register_map;"
     yield f"  localparam int ADDRESS_BITS = {ADDRESS_BITS};"
     for register in REGISTERS:
@@ -115,6 +121,7 @@ def _package() -> Iterator[str]:
 
 
 def _chosen() -> Iterator[str]:
+    yield _MADE
     yield "// The kernel of a number, with the parameters that it is built with."
     yield "module chosen_kernel #(parameter int NUMBER = 1) ("
     ports = "input logic clk, rst_n, s_tvalid, s_tuser, m_tready, input logic [31:0] s_tdata,"

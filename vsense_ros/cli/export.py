@@ -147,6 +147,14 @@ def _export_filter(car: Vehicle, name: str, output: Path, prefix: str, check: Pa
 @click.option("--plant", is_flag=True, help="Export the car itself instead of its observer.")
 @click.option("--output", required=True, type=NEW_FILE, metavar="FILE", help="FMU to write.")
 @click.option("--no-binary", is_flag=True, help="Write only sources, to be compiled by the importing tool.")
+@click.option("--scalars", is_flag=True, help="FMI 3 without arrays, for tools that read none.")
+@click.option(
+    "--target",
+    "targets",
+    multiple=True,
+    metavar="MACHINE",
+    help="Machine of a binary: x86_64-linux, aarch64-linux, x86_64-windows; may be repeated. Default: this one.",
+)
 @click.option("--filter", "chosen", metavar="NAME", help="error_ekf or spi; default: that of VEHICLE.")
 @click.option(
     "--check",
@@ -155,7 +163,15 @@ def _export_filter(car: Vehicle, name: str, output: Path, prefix: str, check: Pa
     help="Validate, and compare with the C export and the Python observer on BAG.",
 )
 def export_fmu(
-    vehicle: str, version: str, plant: bool, output: Path, no_binary: bool, chosen: str | None, check: Path | None
+    vehicle: str,
+    version: str,
+    plant: bool,
+    output: Path,
+    no_binary: bool,
+    scalars: bool,
+    targets: tuple[str, ...],
+    chosen: str | None,
+    check: Path | None,
 ) -> None:
     """Write the observer of VEHICLE, or the car itself, as an FMU.
 
@@ -164,6 +180,7 @@ def export_fmu(
       vsense export fmu prototype_model --fmi 2 --output out/observer.fmu
       vsense export fmu prototype_model --plant --output out/car.fmu
       vsense export fmu rav4 --output out/rav4.fmu --check segment/
+      vsense export fmu rav4 --output out/rav4.fmu --target x86_64-linux --target x86_64-windows
 
     The functional mock-up unit is for co-simulation, contains its sources, and needs no Python. The inputs of an
     observer are the steering angle and the sensor measurements, with a counter for each sensor that increases with
@@ -176,12 +193,17 @@ def export_fmu(
 
     if check is not None and (plant or no_binary):
         raise click.UsageError("--check compares an observer with a binary: leave --plant and --no-binary")
+    if no_binary and targets:
+        raise click.UsageError("--no-binary writes no binary, --target names one: leave one of them")
+    if scalars and version == "2":
+        raise click.UsageError("--scalars is for FMI 3: FMI 2 has nothing but scalars")
     car = load_car(vehicle)
     if chosen is not None:
         car = c.with_filter(car, chosen)
     warn(left_out_of_observer(car))
     with waiting("writing and compiling the unit"):
-        fmu.write(car, output, int(version), plant=plant, binary=not no_binary)
+        machines = () if no_binary else targets or ("",)
+        fmu.write(car, output, int(version), plant=plant, scalars=scalars, targets=machines)
     say(f"Written to {output} ({output.stat().st_size / 1024:.0f} kB).")
     if check is None:
         return
@@ -190,7 +212,7 @@ def export_fmu(
 
     recording = import_recording(check)
     with progress("comparing") as done:
-        agreement = fmu_check.compare(car, output, int(version), recording, done)
+        agreement = fmu_check.compare(car, output, int(version), recording, done, scalars=scalars)
     for line in agreement.in_words():
         console().print(line, soft_wrap=True)
 

@@ -338,7 +338,7 @@ class Contents:
         for name, sensor in self.observer.sensors.items():
             for bias in sensor.biases():
                 c_name = identifier(name)
-                entries.append(Entry(f"{c_name}_{bias.name}".upper(), "SI", f"error of {c_name}"))
+                entries.append(Entry(f"{c_name}_{bias.name}".upper(), bias.unit, f"error of {c_name}"))
         return entries
 
     def _biases(self, name: str) -> slice:

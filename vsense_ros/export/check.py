@@ -39,7 +39,9 @@ def build(folder: Path, flags: tuple[str, ...] = FLAGS, sources: Sequence[Path] 
     """
 
     def make(place: Path) -> Path:
-        compile_library(sources or (folder / "vsense.c",), place / "vsense.so", flags, ", which a check needs")
+        compile_library(
+            sources or (folder / "vsense.c",), place / "vsense.so", ("-fPIC", *flags), ", which a check needs"
+        )
         return place / "vsense.so"
 
     texts = [file.read_text(encoding="utf-8") for file in sorted(folder.rglob("*.[ch]"))]

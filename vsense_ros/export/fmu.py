@@ -15,7 +15,8 @@ import re
 import shutil
 import tempfile
 import zipfile
-from dataclasses import dataclass
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
 from pathlib import Path
 from xml.etree import ElementTree
 
@@ -34,6 +35,7 @@ from vsense_ros.model.vehicle import Vehicle
 
 VERSIONS = (2, 3)
 FIRST_INTEGER = 900000
+ELEMENTS = 1000  # value references of scalars: this times the place of the variable, and that of the element
 START_SPEED = 20.0  # [m/s] where nothing else is set
 PLANT_STEP = 0.002  # [s] longest step of a plant
 OPTIMISED = "-O3"
@@ -41,15 +43,28 @@ OPTIMISED = "-O3"
 # functions of the first, where the master loads libraries globally (RTLD_GLOBAL).
 FLAGS = ("-std=c99", "-Wall", "-Wextra", "-fvisibility=hidden")
 _WHEEL_ROWS = (
-    ("force_x", "N"), ("force_y", "N"), ("force_z", "N"), ("moment", "N m"), ("slip", "-"), ("angle", "rad"),
-    ("camber", "rad"),
-)  # fmt: skip
-_VELOCITIES = (*"xyz", "roll", "pitch", "yaw", *(f"travel_{w}" for w in WHEELS), *(f"spin_{w}" for w in WHEELS))
+    ("force_x", "N", "force of the road on the tyre along the wheel's x axis"),
+    ("force_y", "N", "force of the road on the tyre along the wheel's y axis, to the left"),
+    ("force_z", "N", "force of the road on the tyre, upwards"),
+    ("moment", "N m", "aligning moment of the tyre"),
+    ("slip", "-", "longitudinal slip"),
+    ("angle", "rad", "slip angle"),
+    ("camber", "rad", "inclination of the wheel against the road"),
+)
+_VELOCITIES = {
+    **{axis: f"the velocity of cog along the body's {axis} axis, in these axes" for axis in "xyz"},
+    **{
+        name: f"the rate about the body's {axis} axis"
+        for name, axis in zip(("roll", "pitch", "yaw"), "xyz", strict=True)
+    },
+    **{f"travel_{w}": f"the compression rate of the suspension {w}" for w in WHEELS},
+    **{f"spin_{w}": f"the angular velocity of the wheel {w}" for w in WHEELS},
+}
 # Base units of SI by unit, as the standard has them.
 _UNITS = {
     "rad": {"rad": 1}, "m": {"m": 1}, "s": {"s": 1}, "m/s": {"m": 1, "s": -1}, "rad/s": {"rad": 1, "s": -1},
     "m/s2": {"m": 1, "s": -2}, "rad/s2": {"rad": 1, "s": -2}, "N": {"kg": 1, "m": 1, "s": -2},
-    "N m": {"kg": 1, "m": 2, "s": -2},
+    "N m": {"kg": 1, "m": 2, "s": -2}, "rad/m": {"rad": 1, "m": -1},
 }  # fmt: skip
 
 
@@ -74,22 +89,28 @@ class Sensor:
     """A sensor that corrects: its name in C, where its values stand among those measured."""
 
     name: str
-    size: int
+    elements: tuple[Entry, ...]
     first: int
+
+    @property
+    def size(self) -> int:
+        return len(self.elements)
 
 
 class Unit:
-    """What a unit of a vehicle consists of. Raises `InputError` as `export.c.Observer`."""
+    """What a unit of a vehicle consists of. With `scalars` FMI 3 has no arrays: some tools read none. FMI 2 never has
+    any. Raises `InputError` as `export.c.Observer`."""
 
-    def __init__(self, vehicle: Vehicle, *, plant: bool = False) -> None:
-        self.vehicle, self.plant = vehicle, plant
+    def __init__(self, vehicle: Vehicle, *, plant: bool = False, scalars: bool = False) -> None:
+        self.vehicle, self.plant, self.scalars = vehicle, plant, scalars
         self.contents = Contents(Observer.of(vehicle))
         self.observer = self.contents.observer
         self.sensors: list[Sensor] = []
         first = 0
         if not plant:
             for name, sensor in self.observer.correcting.items():
-                self.sensors.append(Sensor(identifier(name), len(sensor.deviations()), first))
+                elements = tuple(Entry(q.path, q.unit, q.meaning) for q in sensor.quantities)
+                self.sensors.append(Sensor(identifier(name), elements, first))
                 first += self.sensors[-1].size
         self.measured = first
         self.variables = self._variables()
@@ -117,21 +138,21 @@ class Unit:
         else:
             given.append(Variable("input", "v.inputs", "INPUT", (steering, *torques), 0.0))
             for sensor in self.sensors:
-                elements = tuple(Entry(str(k + 1), "SI", "measured now") for k in range(sensor.size))
-                given.append(
-                    Variable(sensor.name, f"measured[{sensor.first}]", "INPUT", elements, 0.0, may_miss=True)
-                )  # fmt: skip
+                place = f"measured[{sensor.first}]"
+                given.append(Variable(sensor.name, place, "INPUT", sensor.elements, 0.0, may_miss=True))
         outputs = states[:28] if self.plant else states
         given.append(
-            Variable("state", "v.state", "OUTPUT", tuple(Entry(s.name.lower(), s.unit, s.meaning) for s in outputs))
+            Variable(
+                "state", "v.state", "OUTPUT", tuple(Entry(s.name.lower(), _ascii(s.unit), s.meaning) for s in outputs)
+            )
         )
         accelerations = tuple(
-            Entry(name, "m/s2" if i < 3 or 6 <= i < 10 else "rad/s2", f"derivative of the velocity {name}")
-            for i, name in enumerate(_VELOCITIES)
+            Entry(name, "m/s2" if i < 3 or 6 <= i < 10 else "rad/s2", f"rate of change of {whose}")
+            for i, (name, whose) in enumerate(_VELOCITIES.items())
         )
         given.append(Variable("acceleration", "acceleration", "OUTPUT", accelerations))
-        for row, (name, unit) in enumerate(_WHEEL_ROWS):
-            elements = tuple(Entry(wheel, unit, f"{name} of the wheel {wheel}") for wheel in WHEELS)
+        for row, (name, unit, meaning) in enumerate(_WHEEL_ROWS):
+            elements = tuple(Entry(wheel, unit, f"{meaning}, wheel {wheel}") for wheel in WHEELS)
             given.append(Variable(f"wheel_{name}", f"wheels[{4 * row}]", "OUTPUT", elements))
         if self.observer.estimated and not self.plant:
             known = self.contents.estimates()
@@ -165,6 +186,7 @@ class Unit:
                 {"name": v.name, "place": v.place, "size": v.size, "kind": v.kind, "may_miss": int(v.may_miss)}
                 for v in self.variables
             ],
+            "scalars": self.scalars,
             "rest": _rest_of_fmi3(environment) if version == 3 else "",
         }
         for name, source in (("fmu.c", "fmu.c.j2"), (f"fmi{version}.c", f"fmi{version}.c.j2")):
@@ -174,7 +196,7 @@ class Unit:
 
     def token(self, version: int) -> str:
         """What only this vehicle, with these variables, has."""
-        text = [str(version), str(self.plant), repr(self.variables), self.contents.model()]
+        text = [str(version), str(self.plant), str(self.scalars), repr(self.variables), self.contents.model()]
         text += [repr(sorted(self.vehicle.values().items()))]
         return "{" + hashlib.sha256("\n".join(text).encode()).hexdigest()[:32] + "}"
 
@@ -189,13 +211,16 @@ def write(
     version: int,
     *,
     plant: bool = False,
-    binary: bool = True,
+    scalars: bool = False,
+    targets: Sequence[str] = ("",),
     optimised: str = OPTIMISED,
 ) -> None:
-    """Write a unit. Raises `InputError` without a compiler, unless it is to have sources alone."""
+    """Write a unit with a binary for each of `targets`: names of `TARGETS`, or "" for this machine; none of them writes
+    sources alone. Raises `InputError` without a compiler for one of them."""
     if version not in VERSIONS:
         raise InputError(f"FMI {version} is not known; there are {', '.join(map(str, VERSIONS))}")
-    unit = Unit(vehicle, plant=plant)
+    unit = Unit(vehicle, plant=plant, scalars=scalars)
+    chosen = [target_of(name, version) for name in targets]
     with tempfile.TemporaryDirectory() as place:
         folder = Path(place)
         sources = folder / "sources"
@@ -203,10 +228,10 @@ def write(
         (folder / "modelDescription.xml").write_text(unit.description(version), encoding="utf-8")
         if version == 3:
             (sources / "buildDescription.xml").write_text(_build_description(unit), encoding="utf-8")
-        if binary:
-            target = folder / "binaries" / _platform(version) / f"{unit.identifier}.so"
-            target.parent.mkdir(parents=True)
-            compile_sources(sources, version, target, optimised)
+        for target in chosen:
+            binary = folder / "binaries" / target.folder(version) / f"{unit.identifier}{target.suffix}"
+            binary.parent.mkdir(parents=True, exist_ok=True)
+            compile_sources(sources, version, binary, optimised, target)
         (folder / "documentation").mkdir()
         (folder / "documentation" / "index.html").write_text(_documentation(unit), encoding="utf-8")
         path.parent.mkdir(parents=True, exist_ok=True)
@@ -216,10 +241,19 @@ def write(
                     archive.write(file, file.relative_to(folder))
 
 
-def compile_sources(sources: Path, version: int, target: Path, optimised: str = OPTIMISED) -> None:
+def compile_sources(
+    sources: Path, version: int, binary: Path, optimised: str = OPTIMISED, target: Target | None = None
+) -> None:
     """The library of a unit from its own sources. Raises `InputError` where that fails."""
+    chosen = target or target_of("", version)
     parts = [sources / f"fmi{version}.c", sources / "vsense.c"]
-    compile_library(parts, target, (optimised, *FLAGS, f"-I{sources}"), "; --no-binary writes sources alone")
+    flags = (optimised, *FLAGS, *chosen.flags, f"-I{sources}")
+    compile_library(parts, binary, flags, "; --no-binary writes sources alone", chosen.compiler or None)
+
+
+def _ascii(unit: str) -> str:
+    """A unit as the table of units has it."""
+    return unit.replace("²", "2")
 
 
 def _headers() -> Path:
@@ -228,15 +262,46 @@ def _headers() -> Path:
     return Path(fmpy.__file__).parent / "c-code"
 
 
-def _platform(version: int) -> str:
+@dataclass(frozen=True)
+class Target:
+    """A machine and system that binaries are made for: folders of FMI 2 (none for some) and 3, and its compiler."""
+
+    folder_2: str
+    folder_3: str
+    compiler: str = ""  # "": that of this machine
+    suffix: str = ".so"
+    flags: tuple[str, ...] = ("-fPIC",)
+
+    def folder(self, version: int) -> str:
+        return self.folder_2 if version == 2 else self.folder_3
+
+
+# Compilers of Debian and Ubuntu: gcc, gcc-aarch64-linux-gnu, gcc-mingw-w64-x86-64. A library for Windows needs none of
+# the compiler's own at run time.
+TARGETS = {
+    "x86_64-linux": Target("linux64", "x86_64-linux", "x86_64-linux-gnu-gcc"),
+    "aarch64-linux": Target("", "aarch64-linux", "aarch64-linux-gnu-gcc"),
+    "x86_64-windows": Target("win64", "x86_64-windows", "x86_64-w64-mingw32-gcc", ".dll", ("-static-libgcc",)),
+}
+
+
+def target_of(name: str, version: int) -> Target:
+    """A target by its name, or that of this machine for "". Raises `InputError` where there is none or its compiler is
+    not installed."""
     machine, system = platform.machine(), platform.system()
-    if system != "Linux" or machine not in ("x86_64", "aarch64"):
-        raise InputError(f"binaries are made on Linux x86_64 and aarch64, this is {system} {machine}: use --no-binary")
-    if version == 3:
-        return f"{machine}-linux"
-    if machine != "x86_64":
-        raise InputError("FMI 2 knows no folder for binaries of this machine: use --no-binary, or FMI 3")
-    return "linux64"
+    own = f"{machine}-{system.lower()}"
+    if (name or own) not in TARGETS:
+        raise InputError(
+            f"binaries are made for {', '.join(TARGETS)}, not for {name or own}: name another, or use --no-binary"
+        )
+    target = TARGETS[name or own]
+    if not target.folder(version):
+        raise InputError(f"FMI {version} has no folder for binaries of {name or own}: use --no-binary, or FMI 3")
+    if (name or own) == own:
+        return replace(target, compiler="")
+    if shutil.which(target.compiler) is None:
+        raise InputError(f"binaries for {name} need {target.compiler}, which is not installed here")
+    return target
 
 
 def _rest_of_fmi3(environment: jinja2.Environment) -> str:
@@ -270,11 +335,19 @@ def _known_unit(entry: Entry) -> dict[str, str]:
     return {"unit": entry.unit} if entry.unit in _UNITS else {}
 
 
+def _scalars(unit: Unit) -> Iterator[tuple[str, int, Variable, Entry]]:
+    """Each element of each variable by itself: its name, value reference, variable and meaning."""
+    for place, variable in enumerate(unit.variables):
+        for k, entry in enumerate(variable.elements):
+            inner = f".{entry.name.lower()}" if entry.name and variable.kind != "TIME" else ""
+            yield variable.name + inner, ELEMENTS * place + k, variable, entry
+
+
 _CAUSALITY = {"PARAMETER": "parameter", "INPUT": "input", "OUTPUT": "output", "TIME": "independent"}
 
 
 def _description_2(unit: Unit) -> str:
-    """XML of FMI 2, with scalars: `imu[1]`, `state.velocity_x`, `wheel_force_x.fl`."""
+    """XML of FMI 2, with scalars: `imu.angular_velocity.z`, `state.velocity_x`, `wheel_force_x.fl`."""
     sub = ElementTree.SubElement
     root = ElementTree.Element(
         "fmiModelDescription",
@@ -314,12 +387,9 @@ def _description_2(unit: Unit) -> str:
         if kind == "OUTPUT":
             outputs.append(len(variables))
 
-    for place, variable in enumerate(unit.variables):
-        if variable.kind == "TIME":
-            continue
-        for k, entry in enumerate(variable.elements):
-            inner = f"[{entry.name}]" if entry.name.isdigit() else f".{entry.name.lower()}" if entry.name else ""
-            add(variable.name + inner, 1000 * place + k, variable.kind, entry, variable.start)
+    for name, reference, variable, entry in _scalars(unit):
+        if variable.kind != "TIME":
+            add(name, reference, variable.kind, entry, variable.start)
     for k, sensor in enumerate(unit.sensors):
         entry = Entry("", "-", "changes with each new measurement")
         add(f"{sensor.name}_count", FIRST_INTEGER + k, "INPUT", entry, 0.0, "Integer")
@@ -332,7 +402,7 @@ def _description_2(unit: Unit) -> str:
 
 
 def _description_3(unit: Unit) -> str:
-    """XML of FMI 3, with arrays, whose elements the description names."""
+    """XML of FMI 3, with scalars as FMI 2 or with arrays, whose elements the description names."""
     sub = ElementTree.SubElement
     root = ElementTree.Element(
         "fmiModelDescription",
@@ -351,22 +421,30 @@ def _description_3(unit: Unit) -> str:
     sub(root, "DefaultExperiment", startTime="0", stopTime="10", stepSize="0.004")
     variables = sub(root, "ModelVariables")
     outputs = []
-    for place, variable in enumerate(unit.variables):
-        first = variable.elements[0]
-        same = len({entry.unit for entry in variable.elements}) == 1
-        names = ", ".join(entry.name.lower() for entry in variable.elements if entry.name)
-        meaning = first.meaning if variable.size == 1 else f"{names}" + ("" if same else "; SI units")
-        attributes = {"name": variable.name, "valueReference": str(place), "causality": _CAUSALITY[variable.kind]}
+
+    def add(name: str, reference: int, variable: Variable, meaning: str, unit_of: dict[str, str], size: int) -> None:
+        attributes = {"name": name, "valueReference": str(reference), "causality": _CAUSALITY[variable.kind]}
         attributes |= {"variability": "fixed" if variable.kind == "PARAMETER" else "continuous"}
-        attributes |= {"description": meaning} | (_known_unit(first) if same else {})
+        attributes |= {"description": meaning} | unit_of
         if variable.kind == "OUTPUT":
             attributes["initial"] = "calculated"
-            outputs.append(place)
+            outputs.append(reference)
         if variable.start is not None:
-            attributes["start"] = " ".join([f"{variable.start:g}"] * variable.size)
+            attributes["start"] = " ".join([f"{variable.start:g}"] * size)
         element = sub(variables, "Float64", attributes)
-        if variable.size > 1:
-            sub(element, "Dimension", start=str(variable.size))
+        if size > 1:
+            sub(element, "Dimension", start=str(size))
+
+    if unit.scalars:
+        for name, reference, variable, entry in _scalars(unit):
+            add(name, reference, variable, entry.meaning, _known_unit(entry), 1)
+    else:
+        for place, variable in enumerate(unit.variables):
+            first = variable.elements[0]
+            same = len({entry.unit for entry in variable.elements}) == 1
+            names = ", ".join(entry.name.lower() for entry in variable.elements if entry.name)
+            meaning = first.meaning if variable.size == 1 else f"{names}" + ("" if same else "; SI units")
+            add(variable.name, place, variable, meaning, _known_unit(first) if same else {}, variable.size)
     for k, sensor in enumerate(unit.sensors):
         sub(
             variables, "Int32", name=f"{sensor.name}_count", valueReference=str(FIRST_INTEGER + k), causality="input",

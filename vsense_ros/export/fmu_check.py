@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vsense_ros.export import check
-from vsense_ros.export.fmu import FIRST_INTEGER, OPTIMISED, START_SPEED, Unit
+from vsense_ros.export.fmu import ELEMENTS, FIRST_INTEGER, OPTIMISED, START_SPEED, Unit
 from vsense_ros.export.same_calls import Moment, drive_together, moments, relative, start_of
 from vsense_ros.messages.recording import Recording
 from vsense_ros.model.coordinates import YAW
@@ -78,7 +78,9 @@ class Running:
         """All elements of a variable."""
         place, given = self._places[name], [float(v) for v in values]
         if self.version == 2:
-            self.slave.setReal([1000 * place + k for k in range(len(given))], given)
+            self.slave.setReal(self._elements(place), given)
+        elif self.unit.scalars:
+            self.slave.setFloat64(self._elements(place), given)
         else:
             self.slave.setFloat64([place], given)
 
@@ -87,8 +89,14 @@ class Running:
         place = self._places[name]
         size = self.unit.variables[place].size
         if self.version == 2:
-            return np.array(self.slave.getReal([1000 * place + k for k in range(size)]))
+            return np.array(self.slave.getReal(self._elements(place)))
+        if self.unit.scalars:
+            return np.array(self.slave.getFloat64(self._elements(place)))
         return np.array(self.slave.getFloat64([place], nValues=size))
+
+    def _elements(self, place: int) -> list[int]:
+        """Value references of the elements of a variable, where they are scalars."""
+        return [ELEMENTS * place + k for k in range(self.unit.variables[place].size)]
 
     def measured(self, index: int, value: Array) -> None:
         """A new measurement of a sensor that corrects."""
@@ -154,6 +162,8 @@ def compare(
     recording: Recording,
     progress: Callable[[float], None] | None = None,
     optimised: str = OPTIMISED,
+    *,
+    scalars: bool = False,
 ) -> Agreement:
     """Validate a unit, and run it on a recording beside the C export and the filter in Python."""
     import fmpy
@@ -168,7 +178,7 @@ def compare(
         library = check.build(folder / "sources", (optimised, "-std=c99"))
         exported = check.Exported(vehicle, library)
         exported.start(speed, yaw)
-        running = Running(path, Unit(vehicle), version, speed, yaw)
+        running = Running(path, Unit(vehicle, scalars=scalars), version, speed, yaw)
         together = drive_together(vehicle, sensors, drive, (exported, own), _as_a_unit_gets)
         try:
             for i, (state, _) in enumerate(zip(drive_unit(running, vehicle, drive), together, strict=True)):

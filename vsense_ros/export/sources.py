@@ -85,13 +85,15 @@ def write_all(folder: Path, texts: Mapping[str, str], prefix: str = PREFIX) -> l
     return [folder / name for name in texts]
 
 
-def compile_library(sources: Sequence[Path], target: Path, flags: Sequence[str], instead: str) -> None:
-    """Compile sources to a shared library. Raises `InputError` where the compiler complains, and where there is none:
-    `instead` says what that means to the user."""
-    compiler = codegen.compiler()
+def compile_library(
+    sources: Sequence[Path], target: Path, flags: Sequence[str], instead: str, compiler: str | None = None
+) -> None:
+    """Compile sources to a shared library, with the compiler of this machine or another. Raises `InputError` where the
+    compiler complains, and where there is none: `instead` says what that means to the user."""
+    compiler = compiler or codegen.compiler()
     if compiler is None:
         raise InputError(f"no C compiler here (cc, gcc or clang; CC names another){instead}")
-    command = [compiler, *flags, "-fPIC", "-shared", *map(str, sources), "-o", str(target), "-lm"]
+    command = [compiler, *flags, "-shared", *map(str, sources), "-o", str(target), "-lm"]
     done = subprocess.run(command, capture_output=True, text=True)
     if done.returncode or done.stderr:
         raise InputError(f"{' '.join(command)}:\n{done.stderr}")

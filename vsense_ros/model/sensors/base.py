@@ -80,6 +80,16 @@ class Component:
 
 
 @dataclass(frozen=True)
+class Quantity:
+    """One of the numbers of a measurement for other programs: its `path` below the name of the sensor, as
+    `angular_velocity.z`, its unit, and what it is about which axis."""
+
+    path: str
+    unit: str
+    meaning: str
+
+
+@dataclass(frozen=True)
 class ComparedSignal:
     """What the search for missing physics compares between a recording and a simulation: `name`, its unit, and how it
     comes from a sensor's components (n, m) in the axes of the car, given the rolling radius [m].
@@ -159,6 +169,7 @@ class SensorBase(Part):
     words: ClassVar[str] = ""  # what it gives, after "it needs"
     tells: ClassVar[frozenset[Tells]] = frozenset()
     components: ClassVar[tuple[Component, ...]] = ()  # those that mean something one by one
+    quantities: ClassVar[tuple[Quantity, ...]] = ()  # each number of a measurement that corrects, in their order
     signals: ClassVar[tuple[ComparedSignal, ...]] = ()
     # What it is to a filter.
     uses_acceleration: ClassVar[bool] = False  # True: the equation refers to the accelerations

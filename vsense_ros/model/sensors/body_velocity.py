@@ -16,6 +16,7 @@ from vsense_ros.model.sensors.base import (
     Names,
     NoiseFromMessage,
     Position,
+    Quantity,
     SensorBase,
     Tells,
     Values,
@@ -33,6 +34,10 @@ class BodyVelocity(SensorBase):
     place: ClassVar[int] = 5
     words: ClassVar[str] = "a velocity in the axes of the car"
     tells: ClassVar[frozenset[Tells]] = frozenset({"ground speed"})
+    quantities: ClassVar[tuple[Quantity, ...]] = (
+        Quantity("velocity.x", "m/s", "along the sensor's x axis, forward"),
+        Quantity("velocity.y", "m/s", "along the sensor's y axis, to the left"),
+    )
     components: ClassVar[tuple[Component, ...]] = (
         Component("forward", "velocity forward"),
         Component("left", "velocity to the left"),

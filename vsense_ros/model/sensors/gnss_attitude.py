@@ -12,6 +12,7 @@ from vsense_ros.model.parameter import parameter
 from vsense_ros.model.sensors.base import (
     Names,
     NoiseFromMessage,
+    Quantity,
     Tells,
     Values,
     Vector,
@@ -30,6 +31,10 @@ class GnssAttitude(Receiver):
     place: ClassVar[int] = 7
     words: ClassVar[str] = "a GNSS heading"
     tells: ClassVar[frozenset[Tells]] = frozenset({"heading"})
+    quantities: ClassVar[tuple[Quantity, ...]] = (
+        Quantity("heading.cos", "-", "cosine of the heading, counterclockwise from east"),
+        Quantity("heading.sin", "-", "sine of the heading, counterclockwise from east"),
+    )
 
     kind: Literal["gnss_attitude"] = "gnss_attitude"
     topic: str = "gps/attitude"

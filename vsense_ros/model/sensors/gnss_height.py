@@ -12,6 +12,7 @@ from vsense_ros.model.parameter import parameter
 from vsense_ros.model.sensors.base import (
     Bias,
     Names,
+    Quantity,
     Tells,
     Values,
     Vector,
@@ -31,6 +32,9 @@ class GnssHeight(Antenna):
     place: ClassVar[int] = 8
     words: ClassVar[str] = "a GNSS height"
     tells: ClassVar[frozenset[Tells]] = frozenset({"height"})
+    quantities: ClassVar[tuple[Quantity, ...]] = (
+        Quantity("position.up", "m", "height of the antenna over the map's origin"),
+    )
 
     kind: Literal["gnss_height"] = "gnss_height"
     topic: str = "gps/fix"

@@ -14,6 +14,7 @@ from vsense_ros.model.sensors.base import (
     Component,
     Names,
     NoiseFromMessage,
+    Quantity,
     Tells,
     Values,
     Vector,
@@ -34,6 +35,10 @@ class GnssPosition(Antenna):
     place: ClassVar[int] = 5
     words: ClassVar[str] = "a GNSS position"
     tells: ClassVar[frozenset[Tells]] = frozenset({"position"})
+    quantities: ClassVar[tuple[Quantity, ...]] = (
+        Quantity("position.east", "m", "of the antenna, from the map's origin"),
+        Quantity("position.north", "m", "of the antenna, from the map's origin"),
+    )
     components: ClassVar[tuple[Component, ...]] = (
         Component("east", "GNSS position to the east"),
         Component("north", "GNSS position to the north"),

@@ -15,6 +15,7 @@ from vsense_ros.model.sensors.base import (
     Component,
     Names,
     NoiseFromMessage,
+    Quantity,
     Tells,
     Values,
     Vector,
@@ -39,6 +40,10 @@ class GnssVelocity(Antenna):
     place: ClassVar[int] = 6
     words: ClassVar[str] = "a GNSS velocity"
     tells: ClassVar[frozenset[Tells]] = frozenset({"ground speed", "course"})
+    quantities: ClassVar[tuple[Quantity, ...]] = (
+        Quantity("velocity.east", "m/s", "of the antenna"),
+        Quantity("velocity.north", "m/s", "of the antenna"),
+    )
     components: ClassVar[tuple[Component, ...]] = (
         Component("east", "GNSS velocity to the east"),
         Component("north", "GNSS velocity to the north"),

@@ -12,6 +12,7 @@ from vsense_ros.model.parameter import parameter
 from vsense_ros.model.sensors.base import (
     Names,
     NoiseFromMessage,
+    Quantity,
     Tells,
     Values,
     Vector,
@@ -31,6 +32,7 @@ class GnssVerticalVelocity(Antenna):
     place: ClassVar[int] = 9
     words: ClassVar[str] = "a vertical GNSS velocity"
     tells: ClassVar[frozenset[Tells]] = frozenset({"height"})
+    quantities: ClassVar[tuple[Quantity, ...]] = (Quantity("velocity.up", "m/s", "of the antenna"),)
 
     kind: Literal["gnss_vertical_velocity"] = "gnss_vertical_velocity"
     topic: str = "gps/velocity"

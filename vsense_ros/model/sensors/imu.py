@@ -21,6 +21,7 @@ from vsense_ros.model.sensors.base import (
     Names,
     NoiseFromMessage,
     Position,
+    Quantity,
     SensorBase,
     Tells,
     Values,
@@ -40,6 +41,10 @@ class Imu(SensorBase):
     place: ClassVar[int] = 1
     words: ClassVar[str] = "inertial measurements"
     tells: ClassVar[frozenset[Tells]] = frozenset({"rates and forces"})
+    quantities: ClassVar[tuple[Quantity, ...]] = (
+        *(Quantity(f"angular_velocity.{a}", "rad/s", f"about the sensor's {a} axis") for a in "xyz"),
+        *(Quantity(f"linear_acceleration.{a}", "m/s2", f"specific force along the sensor's {a} axis") for a in "xyz"),
+    )
     components: ClassVar[tuple[Component, ...]] = (
         *(Component(name, name, "rad/s") for name in ("roll rate", "pitch rate", "yaw rate")),
         *(Component(name, f"{name} acceleration", "m/s²") for name in ("longitudinal", "lateral", "vertical")),

@@ -10,7 +10,7 @@ import numpy as np
 from vsense_ros.model.coordinates import WHEELS
 from vsense_ros.model.motion import Motion
 from vsense_ros.model.parameter import parameter
-from vsense_ros.model.sensors.base import ComparedSignal, Component, JointSensor, Names, Vector, component
+from vsense_ros.model.sensors.base import ComparedSignal, Component, JointSensor, Names, Quantity, Vector, component
 from vsense_ros.model.sensors.simulated import Sampling
 
 
@@ -21,6 +21,9 @@ class Suspension(JointSensor):
     field: ClassVar[str] = "position"
     place: ClassVar[int] = 8
     words: ClassVar[str] = "suspension travels"
+    quantities: ClassVar[tuple[Quantity, ...]] = tuple(
+        Quantity(f"travel.{w}", "m", f"compression of the suspension {w}") for w in WHEELS
+    )
     components: ClassVar[tuple[Component, ...]] = tuple(Component(w, f"suspension travel {w}") for w in WHEELS)
     signals: ClassVar[tuple[ComparedSignal, ...]] = tuple(
         ComparedSignal(f"travel_{wheel}", "m", component(i), 0.001, shaken=True) for i, wheel in enumerate(WHEELS)

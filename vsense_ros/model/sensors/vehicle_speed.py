@@ -15,6 +15,7 @@ from vsense_ros.model.sensors.base import (
     Component,
     Names,
     Position,
+    Quantity,
     SensorBase,
     Tells,
     Values,
@@ -31,6 +32,7 @@ class VehicleSpeed(SensorBase):
     place: ClassVar[int] = 6
     words: ClassVar[str] = "a speed of the car"
     tells: ClassVar[frozenset[Tells]] = frozenset({"ground speed"})
+    quantities: ClassVar[tuple[Quantity, ...]] = (Quantity("speed", "m/s", "of the car, forward"),)
     components: ClassVar[tuple[Component, ...]] = (Component("forward", "speed forward"),)
     signals: ClassVar[tuple[ComparedSignal, ...]] = (ComparedSignal("vehicle_speed", "m/s", component(0), 0.03),)
     sampling: ClassVar[Sampling | None] = Sampling(20, 10, 10, (0.01,))

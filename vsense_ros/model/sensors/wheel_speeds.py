@@ -12,7 +12,7 @@ from vsense_ros.model.motion import Motion
 from vsense_ros.model.parameter import parameter
 from vsense_ros.model.schema.observer_settings import Disturbances
 from vsense_ros.model.schema.physics import NominalPhysics
-from vsense_ros.model.sensors.base import Bias, ComparedSignal, Component, JointSensor, Names, Tells, Vector
+from vsense_ros.model.sensors.base import Bias, ComparedSignal, Component, JointSensor, Names, Quantity, Tells, Vector
 from vsense_ros.model.sensors.simulated import Sampling, SimulatedDrive
 
 NAMES = tuple(f"wheel_{wheel}" for wheel in WHEELS)
@@ -44,6 +44,9 @@ class WheelSpeeds(JointSensor):
     place: ClassVar[int] = 2
     words: ClassVar[str] = "wheel speeds"
     tells: ClassVar[frozenset[Tells]] = frozenset({"rolling speed"})
+    quantities: ClassVar[tuple[Quantity, ...]] = tuple(
+        Quantity(f"angular_velocity.{w}", "rad/s", f"of the wheel {w} about its axle, positive forward") for w in WHEELS
+    )
     components: ClassVar[tuple[Component, ...]] = tuple(Component(w, f"speed of the wheel {w}") for w in WHEELS)
     signals: ClassVar[tuple[ComparedSignal, ...]] = (
         ComparedSignal("speed", "m/s", _mean_speed, 0.05),
