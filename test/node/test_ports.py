@@ -15,6 +15,8 @@ import can
 import pytest
 import serial
 
+from vsense_ros.driver.can_bus import open_bus
+from vsense_ros.driver.slcan import SlcanBus
 from vsense_ros.errors import InputError
 from vsense_ros.messages.diagnostic import Level
 from vsense_ros.node.byte_log import read_byte_log, write_byte_log
@@ -77,6 +79,51 @@ def test_python_can_reads_the_frames_of_the_slcan_adapter(tmp_path: Path, frame:
     adapter.close()
     assert read is not None
     assert read.equals(frame, timestamp_delta=None, check_channel=False, check_direction=False)
+
+
+@pytest.mark.parametrize(
+    "frame",
+    [
+        can.Message(arbitration_id=0xAA, data=bytes.fromhex("1a6f1a6f1a6f1a6f"), is_extended_id=False),
+        can.Message(arbitration_id=0x18FEF100, data=b"\x00\xff", is_extended_id=True),
+        can.Message(arbitration_id=0x7FF, dlc=3, is_remote_frame=True, is_extended_id=False),
+        can.Message(arbitration_id=0, data=b"", is_extended_id=False),
+    ],
+)
+def test_frames_of_an_adapter_that_dates_them_have_its_time_however_late_they_are_read(
+    tmp_path: Path, frame: can.Message
+) -> None:
+    adapter = SlcanAdapter(str(tmp_path / "can"))
+    with open_bus("slcan", str(tmp_path / "can"), sleep_after_open=0.0) as bus:
+        assert isinstance(bus, SlcanBus)
+        assert adapter.ready()
+        milliseconds = [59_990, 59_999, 60_000, 60_007]
+        for time_of_frame in milliseconds:
+            frame.timestamp = time_of_frame * 1e-3 + 4e-4
+            assert adapter.send(frame) == 0
+        time.sleep(0.2)
+        read = []
+        for _ in milliseconds:
+            read.append((bus.recv(1.0), bus.ticks))
+        assert bus.recv(0.01) is None
+    adapter.close()
+    assert [ticks for _, ticks in read] == [59_990, 59_999, 0, 7]
+    for one, _ in read:
+        assert one is not None
+        assert one.equals(frame, timestamp_delta=None, check_channel=False, check_direction=False)
+
+
+@pytest.mark.parametrize("line", [b"t0AA21A2B\r", b"t0AA21A2B0\r", b"t0AA21A2Bnone\r"])
+def test_a_frame_of_an_adapter_without_a_clock_has_no_time_of_its_own(tmp_path: Path, line: bytes) -> None:
+    adapter = SlcanAdapter(str(tmp_path / "can"))
+    with open_bus("slcan", str(tmp_path / "can"), sleep_after_open=0.0) as bus:
+        assert isinstance(bus, SlcanBus)
+        assert adapter.ready()
+        os.write(adapter._port.master, b"\a\rz\r" + line)
+        read = [frame for frame in (bus.recv(0.2) for _ in range(4)) if frame is not None]
+        assert [bytes(frame.data) for frame in read] == [b"\x1a\x2b"]
+        assert bus.ticks is None
+    adapter.close()
 
 
 def test_a_slcan_driver_that_leaves_is_noticed(tmp_path: Path) -> None:

@@ -55,6 +55,32 @@ def test_a_process_that_gets_its_ticks_in_one_go_does_not_set_its_time_back(begi
     assert base.at(2000 * MS) == START + 2000 * MS
 
 
+@given(length=st.integers(90, 800), spacing=st.floats(0.01, 0.9))
+def test_what_arrives_while_a_process_is_held_up_for_seconds_is_never_dated_too_early(
+    length: int, spacing: float
+) -> None:
+    base, early = TimeBase(simulated=True), []
+    wall = 0
+    for i in range(1000):
+        wall = max(10 * MS * (100 + length), wall + round(spacing * MS)) if i >= 100 else 10 * MS * i
+        wall = max(wall, 10 * MS * i)
+        base.tick(START + 10 * MS * i, wall=wall)
+        if i > 10:
+            at = base.at(wall)
+            assert at is not None
+            early.append(START + wall - at)
+    assert max(early) < MS
+
+
+def test_a_clock_that_is_told_to_stand_still_is_followed_at_once() -> None:
+    base = TimeBase(simulated=True)
+    for i in range(100):
+        base.tick(START + 10 * MS * i, wall=10 * MS * i)
+    base.tick(START + 990 * MS, wall=1500 * MS)  # as a replay does where it goes on after a pause
+    base.tick(START + 1000 * MS, wall=1510 * MS)
+    assert base.at(1515 * MS) == START + 1005 * MS
+
+
 @pytest.mark.parametrize("pause", [80, 400, 3000])
 def test_a_clock_that_was_paused_is_followed(pause: int) -> None:
     base = TimeBase(simulated=True)

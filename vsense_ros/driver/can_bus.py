@@ -9,6 +9,7 @@ from typing import Any
 
 import can
 
+from vsense_ros.driver.slcan import SlcanBus
 from vsense_ros.errors import InputError
 
 INTERFACES = {
@@ -42,6 +43,8 @@ def open_bus(interface: str, channel: str, bitrate: int | None = None, **options
     if bitrate is not None:
         options["bitrate"] = bitrate
     try:
+        if interface == "slcan":
+            return SlcanBus(channel, **options)
         bus = can.Bus(channel=channel, interface=interface, **options)
         if isinstance(endpoint := getattr(bus, "socket", None), socket.socket):
             keep_more(endpoint)

@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 from vsense_ros.driver import samples
 from vsense_ros.driver.gnss import LinkStatistics, utc_stamp
 from vsense_ros.driver.monitor import NANO, StreamLimits, StreamMonitor
+from vsense_ros.driver.sensor_clock import SensorClock
 from vsense_ros.errors import InputError
 from vsense_ros.messages.diagnostic import Diagnostic, Level
 from vsense_ros.messages.recording import Sample
@@ -167,9 +168,7 @@ _VECTOR = struct.Struct(">3f")
 _UTC = struct.Struct(">IHBBBBBB")  # ns, year, month, day, hour, minute, second, flags
 _UTC_VALID = 0x03  # date and time of day
 _TICK = 100_000  # [ns] of SampleTimeFine
-_CLOCK_DRIFT = 1e-4  # allowed difference in speed of the sensor's clock and ours
-_RESTART = 10 * NANO
-_LATE, _LATE_FOR = 200_000_000, NANO  # [ns] when all messages are this late for this long, our clock was set
+_WRAP = 2**32  # ticks
 
 
 class XbusDecoder:
@@ -184,7 +183,7 @@ class XbusDecoder:
         self.link = LinkStatistics("imu: XBus link", self.checker.settings.timeout)
         self._buffer = b""
         self._counter: int | None = None
-        self._clock = _SensorClock(self.checker.monitor)
+        self._clock = SensorClock(_TICK, _WRAP, self.checker.monitor.note)
         self._lost = 0
         self._summed_until: int | None = None  # stamp of the latest velocity increment and turn [ns]
 
@@ -306,42 +305,6 @@ class XbusDecoder:
         if ticks is not None and len(ticks) == 4:
             return self._clock.stamp(int.from_bytes(ticks, "big"), received)
         return received
-
-
-class _SensorClock:
-    """Ties a counter of 0.1 ms that wraps after 2³² to the times of arrival.
-
-    Transmission only ever delays, so the smallest difference between arrival and counter is the best; it may grow
-    slowly, so that the sensor's clock can be the slower one. Where every message comes late for a while, it is the
-    clock of the arrivals that was set forward; one that was set back shows at once.
-    """
-
-    def __init__(self, monitor: StreamMonitor) -> None:
-        self._monitor = monitor
-        self._late_since: int | None = None  # arrival of the first of the messages that all came late [ns]
-        self._last: int | None = None
-        self._elapsed = 0  # [ns] on the sensor's clock
-        self._offset = 0.0
-
-    def stamp(self, ticks: int, received: int) -> int:
-        """Time of measurement [ns]."""
-        step = 0 if self._last is None else (ticks - self._last) % 2**32 * _TICK
-        offset = received - (self._elapsed + step)
-        if self._last is None or offset - self._offset <= _LATE:
-            self._late_since = None
-        elif self._late_since is None:
-            self._late_since = received
-        was_set = self._late_since is not None and received - self._late_since >= _LATE_FOR
-        if self._last is None or was_set or abs(offset - self._offset) > _RESTART:
-            if self._last is not None:
-                self._monitor.note("clock was set to another time", received)
-            self._late_since = None
-            self._elapsed, self._offset = 0, float(received)
-        else:
-            self._elapsed += step
-            self._offset = min(float(offset), self._offset + _CLOCK_DRIFT * step)
-        self._last = ticks
-        return self._elapsed + round(self._offset)
 
 
 def _packets(data: bytes) -> dict[int, bytes] | None:

@@ -20,6 +20,8 @@ from pydantic import Field
 
 from vsense_ros.driver.can import CanDecoder
 from vsense_ros.driver.can_bus import open_bus
+from vsense_ros.driver.sensor_clock import SensorClock, SensorClockSettings
+from vsense_ros.driver.slcan import TICK, WRAP
 from vsense_ros.errors import InputError
 from vsense_ros.messages import cdr_messages
 from vsense_ros.messages.diagnostic import Diagnostic, Level
@@ -45,6 +47,8 @@ class CanDriverSettings:
 
 
 SETTINGS = CanDriverSettings()
+# On a busy machine all frames may be read late for seconds, which is no reason to doubt the adapter's clock.
+ADAPTER_CLOCK = SensorClockSettings(late_for=10_000_000_000)
 
 
 class CanDriverParameters(NodeParameters):
@@ -76,8 +80,8 @@ class CanDriver(SensingNode[CanDriverParameters]):
     _thread: threading.Thread | None = None
     _bus: can.BusABC | None = None
     _reader: Reader | None = None
-    _arrivals: Arrivals[can.Message]
-    _last_arrival = 0
+    _arrivals: Arrivals[tuple[can.Message, int | None]]  # frames, with an adapter's own time [ticks]
+    _last_stamp = 0  # of the newest frame [ns]
 
     def configure(self) -> None:
         p = self.parameters
@@ -87,6 +91,8 @@ class CanDriver(SensingNode[CanDriverParameters]):
         self._lock = threading.Lock()
         self._end = threading.Event()
         self._arrivals = Arrivals()
+        self._clock = self._adapter_clock()
+        self._clock_settings = 0
         self._losses = 0
         self._problem = "not opened yet"
         self._latest_loss = ("", -math.inf)  # why, and when [s] of the monotonic clock
@@ -99,6 +105,14 @@ class CanDriver(SensingNode[CanDriverParameters]):
             self.create_output(FRAMES, FRAME_KIND)
         if p.interface == "topic":
             self._reader = Reader(self, message_type(FRAME_KIND), FRAMES, self._on_frame, raw=True)
+
+    def _adapter_clock(self) -> SensorClock:
+        """What ties the clock of an adapter that dates its frames to the times at which these are read."""
+        return SensorClock(TICK, WRAP, self._on_clock_set, ADAPTER_CLOCK)
+
+    def _on_clock_set(self, sentence: str, _: int) -> None:
+        self._clock_settings += 1
+        self.get_logger().warning(f"adapter: {sentence}")
 
     def _open(self) -> can.BusABC:
         p = self.parameters
@@ -125,7 +139,7 @@ class CanDriver(SensingNode[CanDriverParameters]):
             dlc=frame.length,
             data=None if frame.is_remote else frame.data,
         )
-        self._arrivals.add(message, frame.stamp if self._is_near(frame.stamp, wall) else wall)
+        self._arrivals.add((message, None), frame.stamp if self._is_near(frame.stamp, wall) else wall)
         self._take(wall)
 
     @staticmethod
@@ -197,22 +211,27 @@ class CanDriver(SensingNode[CanDriverParameters]):
             if frame is not None:
                 # Some interfaces count from the start of the adapter: then the time of arrival is better than theirs.
                 stamped = round(frame.timestamp * 1e9)
-                self._arrivals.add(frame, stamped if self._is_near(stamped, wall) else wall)
+                arrived = stamped if self._is_near(stamped, wall) else wall
+                self._arrivals.add((frame, getattr(bus, "ticks", None)), arrived)
             self._take(wall)
 
     def _take(self, wall: int, *, at_the_end: bool = False) -> None:
-        for frame, received in self._arrivals.dated(wall, self.time_base, at_the_end=at_the_end):
-            self._feed(frame, received)
+        for (frame, ticks), received in self._arrivals.dated(wall, self.time_base, at_the_end=at_the_end):
+            self._feed(frame, ticks, received)
 
-    def _feed(self, frame: can.Message, received: int) -> None:
+    def _feed(self, frame: can.Message, ticks: int | None, received: int) -> None:
+        """Decode a frame that was read at a time [ns], and dated by its adapter where that has a clock."""
+        stamp = received
+        if ticks is not None:
+            stamp = min(self._clock.stamp(ticks, received) + TICK // 2, received)
         # Frames come in order, also where the mapping to a replay's time has just been corrected backwards.
-        if 0 <= self._last_arrival - received < SETTINGS.correction:
-            received = self._last_arrival + SETTINGS.resolution
-        self._last_arrival = received
-        frame.timestamp = received * 1e-9
+        if 0 <= self._last_stamp - stamp < SETTINGS.correction:
+            stamp = self._last_stamp + SETTINGS.resolution
+        self._last_stamp = stamp
+        frame.timestamp = stamp * 1e-9
         if self.parameters.publish_frames and not frame.is_fd:
             flags = (frame.is_remote_frame, frame.is_extended_id, frame.is_error_frame)
-            sent = cdr_messages.CanFrame(received, frame.arbitration_id, bytes(frame.data), *flags, frame.dlc)
+            sent = cdr_messages.CanFrame(stamp, frame.arbitration_id, bytes(frame.data), *flags, frame.dlc)
             self.publish_bytes(FRAMES, FRAME_KIND, cdr_messages.encode_can_frame(sent))
         with self._lock:
             samples = self._decoder.feed(frame, received)
@@ -225,6 +244,7 @@ class CanDriver(SensingNode[CanDriverParameters]):
             "channel": self.parameters.channel,
             "losses": str(self._losses),
             "frames before the first /clock message": str(self._arrivals.dropped),
+            "adapter's clock set": str(self._clock_settings),
         }
         reason, at = self._latest_loss
         level, text = Level.OK, "open"

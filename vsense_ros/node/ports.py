@@ -14,6 +14,7 @@ from typing import Protocol
 
 import can
 
+from vsense_ros.driver.slcan import TICK, WRAP
 from vsense_ros.errors import InputError
 
 _PATIENCE = 2.0  # [s] for which a reader may stall before bytes are given up
@@ -135,11 +136,12 @@ def open_port(port: str) -> Port:
 
 
 class SlcanAdapter:
-    """A CAN adapter of the kind that python-can's `slcan` interface talks to, at a pseudo-terminal."""
+    """A CAN adapter of the kind that python-can's `slcan` interface talks to, at a pseudo-terminal. To a driver that
+    asks for it (`Z1`), it sends with each frame the milliseconds of its clock, which is that of the frames."""
 
     def __init__(self, path: str) -> None:
         self._port = PtyPort(path)
-        self._open = False
+        self._open = self._dates = False
         self._command = b""
 
     def ready(self) -> bool:
@@ -156,14 +158,16 @@ class SlcanAdapter:
         letter = "r" if frame.is_remote_frame and not frame.is_extended_id else letter
         data = "" if frame.is_remote_frame else frame.data.hex().upper()
         self._answer()
-        return 1 if self._port.write(f"{letter}{identifier}{frame.dlc:X}{data}\r".encode()) else 0
+        time = f"{int(frame.timestamp * 1e9) // TICK % WRAP:04X}" if self._dates else ""
+        return 1 if self._port.write(f"{letter}{identifier}{frame.dlc:X}{data}{time}\r".encode()) else 0
 
     def close(self) -> None:
         """Close the terminal."""
         self._port.close()
 
     def _answer(self) -> None:
-        """Take the commands of the driver: `O` and `L` open the channel, `C` closes it, settings change nothing."""
+        """Take the commands of the driver: `O` and `L` open the channel, `C` closes it, `Z1` and `Z0` have frames dated
+        or not; other settings change nothing."""
         with contextlib.suppress(OSError):
             self._command += os.read(self._port.master, 4096)
         *commands, self._command = self._command.split(b"\r")
@@ -172,3 +176,5 @@ class SlcanAdapter:
                 self._open = True
             elif command[:1] == b"C":
                 self._open = False
+            elif command[:1] == b"Z":
+                self._dates = command[1:] == b"1"

@@ -269,6 +269,8 @@ class Replay(SensingNode[ReplayParameters]):
         if self._moved:
             self._moved = False
             self._origin = (wall, self._now)
+            if self._told:  # a time that stands still is no time that comes late
+                self._publish_clock(self._told)
         began, at = self._origin
         wait = began + (moment - at) / rate - wall
         if wait > 0:

@@ -24,8 +24,9 @@ class TimeBaseSettings:
     rate_span: int = 80_000_000  # [ns] of wall time before the rate is believed; until then it is 1
     rate_noise: float = 0.02  # a rate this close to 1 is 1
     jump: int = 50_000_000  # [ns] by which the clock is off from where on it is taken to have jumped
-    stall: int = 1_000_000_000  # [ns] by which a tick is late only where the clock was set back or paused
-    patience: int = 200_000_000  # [ns] of wall time in which ticks that were held up are made up for
+    stall: int = 10_000_000_000  # [ns] by which a tick is late only where the clock was set back or paused
+    patience: int = 900_000_000  # [ns] of wall time in which ticks that were held up are made up for
+    quiet: int = 200_000_000  # [ns] of wall time without a tick, after which some may be waiting for this process
     settling: int = 50_000_000  # [ns] of wall time after the first tick, or one that stood still or went back
     held: int = 1_000_000_000  # [ns] of wall time for which arrivals are kept until the time is known
 
@@ -40,8 +41,8 @@ class TimeBase:
     """Maps wall time to the time of `/clock`, between its ticks too. Thread-safe.
 
     A tick is only ever seen late, so of the recent ticks the one that makes the time latest is the best. A clock that
-    was paused, jumped or runs at another rate starts the mapping anew. Ticks that come late by less than a second are
-    believed only once none has made up for them: a process that had no processor for a while gets them in one go, and
+    was paused, jumped or runs at another rate starts the mapping anew. Ticks that come late by less than ten seconds are
+    believed only once none has made up for them for nearly a second: a process that had no processor for a while gets them in one go, and
     what it measures may not be set back in time by that.
     """
 
@@ -127,7 +128,7 @@ class TimeBase:
     def settled(self, wall: int) -> bool:
         """True if the clock runs, and no ticks can be waiting for this process that would change its time."""
         return not self.simulated or (
-            wall - self._set_back >= SETTINGS.settling and wall - self._heard <= SETTINGS.patience
+            wall - self._set_back >= SETTINGS.settling and wall - self._heard <= SETTINGS.quiet
         )
 
     def now(self) -> int | None:
