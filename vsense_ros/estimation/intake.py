@@ -10,13 +10,15 @@ from typing import Generic, TypeVar
 import numpy as np
 
 from vsense_ros.estimation.health import Health
+from vsense_ros.estimation.punctuality import Punctuality
 from vsense_ros.estimation.reading import Map, Reader
 from vsense_ros.estimation.sensor_noise import SensorNoise
 from vsense_ros.estimation.source import Source
 from vsense_ros.estimation.timeline import Event
 from vsense_ros.messages.recording import Channel, Sample
 
-LONGEST_GAP = 5.0  # [s] without any measurement after which a filter starts anew
+LONGEST_GAP = 5.0  # [s] between stamps of sensors whose clocks agree
+BLIND = 3.5  # [s] without any measurement after which a filter starts anew: no model knows where a driver steers
 FROZEN = 50  # equal messages in a row: noise makes two unlikely and so many impossible
 _ARRIVAL_STEP = 100_000_000  # [ns] by which time goes on at most with messages that do not tell when they arrived
 
@@ -55,6 +57,7 @@ class Intake(Generic[Sensor]):
         self._together: dict[int, list[Event]] = {}  # that are to be averaged
         self._held: list[tuple[Event, int]] = []  # readings before the start, with the stamps of their messages
         self._noise = {i: SensorNoise() for i, sensor in enumerate(self.sensors) if sensor.noisy}
+        self._punctuality = [Punctuality() for _ in self.sensors]
         self._jumps: dict[int, int] = {}  # where sensors went whose clocks left the others'
         self._silence = 0  # before the newest message [ns]
 
@@ -76,6 +79,9 @@ class Intake(Generic[Sensor]):
             self.refuse(index, "stamp repeated")
         elif self._frozen(index, event):
             self.refuse(index, "value frozen")
+        elif late := self._punctuality[index].lateness(sample.stamp):
+            self._jumps[index] = event.stamp  # where time is, is known all the same
+            self.refuse(index, f"stamps up to {late:.2g} s late: those of arrival after a hold-up, not of measurement")
         else:
             if isfinite(event.value.dot(event.value)):
                 health.complete_at = event.stamp
@@ -170,7 +176,7 @@ class Intake(Generic[Sensor]):
         silent = abs(stamp - newest - self._silence) < self._reach
         agreed = silent or self._others_are_there(index, stamp)
         distance = (stamp - newest) * 1e-9
-        if agreed and abs(distance) > LONGEST_GAP:
+        if agreed and abs(distance) > BLIND:
             return Timing.RESTART
         if distance > 0:
             if agreed:
@@ -201,6 +207,7 @@ class Intake(Generic[Sensor]):
     def restart(self, index: int) -> None:
         """Time is where the newest message of a sensor is: stamps from before mean nothing."""
         self.newest_arrival = self.health[index].last_received
+        self._punctuality = [Punctuality() for _ in self.sensors]
         for health in self.health:
             health.last_stamp = 0
             health.stamps.clear()

@@ -47,7 +47,8 @@ class CanDriverSettings:
 
 
 SETTINGS = CanDriverSettings()
-# On a busy machine all frames may be read late for seconds, which is no reason to doubt the adapter's clock.
+# The clock of an adapter that dates its frames is tied to the times at which these are read. On a busy machine all of
+# them may be read late for seconds, which is no reason to believe that our clock was set.
 ADAPTER_CLOCK = SensorClockSettings(late_for=10_000_000_000)
 
 
@@ -91,7 +92,7 @@ class CanDriver(SensingNode[CanDriverParameters]):
         self._lock = threading.Lock()
         self._end = threading.Event()
         self._arrivals = Arrivals()
-        self._clock = self._adapter_clock()
+        self._adapter_clock = SensorClock(TICK, WRAP, self._on_clock_set, ADAPTER_CLOCK)
         self._clock_settings = 0
         self._losses = 0
         self._problem = "not opened yet"
@@ -105,10 +106,6 @@ class CanDriver(SensingNode[CanDriverParameters]):
             self.create_output(FRAMES, FRAME_KIND)
         if p.interface == "topic":
             self._reader = Reader(self, message_type(FRAME_KIND), FRAMES, self._on_frame, raw=True)
-
-    def _adapter_clock(self) -> SensorClock:
-        """What ties the clock of an adapter that dates its frames to the times at which these are read."""
-        return SensorClock(TICK, WRAP, self._on_clock_set, ADAPTER_CLOCK)
 
     def _on_clock_set(self, sentence: str, _: int) -> None:
         self._clock_settings += 1
@@ -223,7 +220,7 @@ class CanDriver(SensingNode[CanDriverParameters]):
         """Decode a frame that was read at a time [ns], and dated by its adapter where that has a clock."""
         stamp = received
         if ticks is not None:
-            stamp = min(self._clock.stamp(ticks, received) + TICK // 2, received)
+            stamp = min(self._adapter_clock.stamp(ticks, received) + TICK // 2, received)
         # Frames come in order, also where the mapping to a replay's time has just been corrected backwards.
         if 0 <= self._last_stamp - stamp < SETTINGS.correction:
             stamp = self._last_stamp + SETTINGS.resolution

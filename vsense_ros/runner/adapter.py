@@ -36,6 +36,15 @@ class Move(NamedTuple):
     deviation: float
 
 
+class Placing(NamedTuple):
+    """Put an element of the state where it is known to be, whatever it was; `deviation` is its new one."""
+
+    element: int
+    value: float
+    deviation: float
+    known: float = 1.0  # which tells it from a `Move` where both are numbers alone
+
+
 class Widening(NamedTuple):
     """An element of the state whose variance grows by so much, as its error may have changed meanwhile."""
 
@@ -202,6 +211,10 @@ class Adapter(ABC):
     def steering_offset(self) -> float:
         """Measured road-wheel angle over the actual one, as estimated [rad]; 0 where it is not."""
         return 0.0
+
+    def place(self, placing: Placing) -> None:
+        """Put an element of the state where it is known to be."""
+        raise NotImplementedError
 
     def usual_deviation(self, element: int) -> float:
         """Standard deviation of the error of an element of the state at start."""

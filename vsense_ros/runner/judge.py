@@ -75,6 +75,9 @@ class Judge(ABC):
     def feel(self, stamp: int, h: float, felt: list[float]) -> None:
         """Take in the mean of an inertial sensor (6), in the axes of the car, over `h` [s] up to a time [ns]."""
 
+    def before(self, timeline: Timeline, event: Event) -> None:  # noqa: B027
+        """Do what is to be done before the filter has a message: what may have changed while none came."""
+
     @abstractmethod
     def settle(self, timeline: Timeline) -> None:
         """Do what follows: leave a sensor out, believe it again, or move the filter."""
@@ -143,6 +146,11 @@ class Judges:
     def _begin_block(self, stamp: int) -> None:
         self._block: list[Array] = []
         self._begun = stamp
+
+    def before(self, timeline: Timeline, event: Event) -> None:
+        """Let all judges do what is to be done before the filter has a message."""
+        for judge in self._judges:
+            judge.before(timeline, event)
 
     def settle(self, timeline: Timeline) -> bool:
         """Let all judges do what follows, if it is time; True if they did."""

@@ -29,7 +29,7 @@ from vsense_ros.observer.sensors import check_sensors
 from vsense_ros.observer.spi import Spi
 from vsense_ros.observer.state import DISTURB, FORWARD, LATERAL, SLOPES, YAW_RATE, U
 from vsense_ros.observer.tilt import Tilt
-from vsense_ros.runner.adapter import Adapter, Apart, Judged, Move, Report, Widening, adapter_of
+from vsense_ros.runner.adapter import Adapter, Apart, Judged, Move, Placing, Report, Widening, adapter_of
 from vsense_ros.runner.guard import GUARD, Vitals
 
 Array = NDArray[np.float64]
@@ -204,6 +204,9 @@ class CarAdapter(Adapter):
 
     def move(self, move: Move) -> None:
         self.filter.set_element(move.element, float(self.car.mean[move.element]) + move.by, move.deviation)
+
+    def place(self, placing: Placing) -> None:
+        self.filter.set_element(placing.element, placing.value, placing.deviation)
 
     def turn_around(self, turned: bool) -> None:
         filter, mean = self.filter, self.car.mean

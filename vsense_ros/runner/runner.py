@@ -26,7 +26,7 @@ from vsense_ros.observer.beginning import UNSURE
 from vsense_ros.observer.catalogue import default_filter
 from vsense_ros.observer.estimate import BALANCE
 from vsense_ros.observer.monitor import Limits, Monitor
-from vsense_ros.runner.adapter import Adapter, MakeFilter, Move, Report, Widening, adapter_of
+from vsense_ros.runner.adapter import Adapter, MakeFilter, Move, Placing, Report, Widening, adapter_of
 from vsense_ros.runner.direction_judge import DirectionJudge
 from vsense_ros.runner.fit_judge import FitJudge
 from vsense_ros.runner.guard import Guard
@@ -186,6 +186,7 @@ class Runner:
     def _use_in_time(self, event: Event) -> None:
         """Let the filter have a reading, at the time it was measured."""
         self.adapter.measured(event)
+        self.judges.before(self._timeline, event)
         self.judges.hear(event)
         if self._timeline.add(event):
             self.health[event.sensor].late += 1
@@ -382,10 +383,13 @@ class Runner:
         return not any(judge.out for judge in self.judges) and not any(out.decided < since for *_, out in self.vote.out)
 
     def _move(self, event: Event) -> None:
-        """Do what an event asks for that is no measurement: move an element of the state, or widen its variance."""
+        """Do what an event asks for that is no measurement: move or place an element of the state, or widen its
+        variance."""
         element, *numbers = event.value.tolist()
         if len(numbers) == 1:
             self.adapter.widen(Widening(int(element), *numbers))
+        elif len(numbers) == 3:
+            self.adapter.place(Placing(int(element), *numbers))
         else:
             self.adapter.move(Move(int(element), *numbers))
 

@@ -2,7 +2,7 @@
 
 The steering angle drives the model; it has no innovation of its own, and cannot just be absent. One that is left out is
 held where it was before it was wrong, and its error, a state of the filter in any case, is estimated from all other
-sensors as a random walk that is as fast as drivers steer.
+sensors as a random walk that is as fast as drivers steer. The angle of a sensor that is silent is held likewise.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ import numpy as np
 
 from vsense_ros.estimation.timeline import Event, Timeline
 from vsense_ros.model.sensors import SensorBase, place_of
-from vsense_ros.runner.adapter import Adapter, Apart, Move, Widening
+from vsense_ros.runner.adapter import Adapter, Apart, Move, Placing, Widening
 from vsense_ros.runner.judge import Judge, widening_event
 from vsense_ros.runner.vote import Vote
 from vsense_ros.runner.vote_settings import STEERING, VOTE
@@ -42,6 +42,7 @@ class SteeringJudge(Judge):
         self._widened = 0  # when its error was last given time to change [ns]
         self._given = nan, 0  # the newest angle that was believed [rad], and its stamp [ns]
         self._last = 0  # stamp of the newest angle [ns]
+        self._silent = False  # while no angle comes
 
     def forget(self, stamp: int) -> None:
         self._witnesses.forget()
@@ -110,11 +111,50 @@ class SteeringJudge(Judge):
         if not self.out:
             if self._witnesses.wrong:
                 self._leave_out(timeline, now)
+            elif self._last:
+                self._bridge_silence(timeline, now)
         elif self._witnesses.agreed >= self._wait:
             self._believe(timeline, now)
         elif now - self._widened >= STEERING.period:
             timeline.add(self._widening(now, now - self._widened))
             self._widened = now
+
+    def _bridge_silence(self, timeline: Timeline, now: int) -> None:
+        """Let the error of the held angle change while none comes, and be what it was once one does."""
+        adapter = self._adapter
+        period = adapter.intake.health[self.place].period
+        silent = now - self._last > max(STEERING.period, 1e9 * STEERING.periods * period)
+        if silent and not self._silent:
+            timeline.catch_up()
+            self._offset, self._widened = adapter.steering_offset(), self._last
+        if silent and now - self._widened >= STEERING.period:
+            timeline.add(self._widening(now, now - self._widened))
+            self._widened = now
+        self._silent |= silent
+
+    def before(self, timeline: Timeline, event: Event) -> None:
+        if self._last and not self.out and event.stamp - timeline.stamp > STEERING.unheard:
+            timeline.catch_up()
+            if not self._silent:
+                self._silent, self._offset = True, self._adapter.steering_offset()
+            for at in range(timeline.stamp + STEERING.period, event.stamp, STEERING.period):
+                timeline.add(self._widening(at, STEERING.period))
+            self._widened = timeline.stamp
+        if self._silent and event.sensor == self.place and event.stamp > self._last:
+            self._silent = False
+            self._restore(timeline, event.stamp)
+
+    def _restore(self, timeline: Timeline, stamp: int) -> None:
+        """Let the steering's error be, from a time [ns] on, what it was before no angle came."""
+        error = self._adapter.steering_error
+        assert error is not None
+        ahead = timeline.rewind(stamp)
+        ahead[:] = [one for one in ahead if not self._is_widening(one, error)]
+        back = Placing(error, self._offset, self._adapter.usual_deviation(error))
+        timeline.add(Event(self._shift, stamp, np.array(back), np.zeros(4), counted=True))
+
+    def _is_widening(self, event: Event, error: int) -> bool:
+        return event.sensor == self._shift and len(event.value) == len(Widening._fields) and event.value[0] == error
 
     def _leave_out(self, timeline: Timeline, now: int) -> None:
         error = self._adapter.steering_error
@@ -123,7 +163,9 @@ class SteeringJudge(Judge):
         doubtful = begin - STEERING.doubtful
         since = min([begin, *(out.since for _, _, out in self._vote.doubtful(doubtful))])
         self.out.add(self.place)
-        self._offset = self._adapter.steering_offset()
+        if not self._silent:
+            self._offset = self._adapter.steering_offset()
+        self._silent = False
         known = [angle for stamp, angle in self._recent if stamp <= begin and angle == angle]
         jumped = self._given[1] != self._last
         self._held = self._given[0] if jumped or not known else known[-1]
@@ -138,12 +180,12 @@ class SteeringJudge(Judge):
         self._widened = now
 
     def _believe(self, timeline: Timeline, now: int) -> None:
-        error = self._adapter.steering_error
-        assert error is not None
         self.out.clear()
         self._wait = min(2 * self._wait, WITNESSES.longest)
         known = [angle for _, angle in self._recent if angle == angle]
         timeline.add(Event(self.place, now, np.array(known[-1:] or [self._held]), np.zeros(1), counted=True))
+        error = self._adapter.steering_error
+        assert error is not None
         back = Move(error, self._offset - self._adapter.steering_offset(), self._adapter.usual_deviation(error))
         timeline.add(Event(self._shift, now, np.array(back), np.zeros(3), counted=True))
 

@@ -1,0 +1,111 @@
+"""Stamps of arrival after a hold-up: readings whose time of measurement nobody knows.
+
+A driver that stamps what it receives, and gets no processor for a second, stamps a second of readings at one time.
+Their values are right and their times are not. A sensor that sends at a steady rate shows it: nothing for a while, then
+readings much closer together than its period.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+
+@dataclass(frozen=True)
+class PunctualitySettings:
+    """What a hold-up looks like in the stamps of a sensor: decisions of this project."""
+
+    first: int = 32  # [-] intervals from which the period is known well enough
+    slowest: float = 0.5  # [s] period of a sensor that is judged; of a slower one a few readings are too much to lose
+    share: float = 0.03  # [-] of the newest interval in the period and its irregularity
+    irregular: float = 0.5  # [-] mean deviation of the intervals, in periods, of a sensor that sends when it likes
+    close: float = 0.25  # [-] periods, below which an interval is no period
+    far: float = 4.0  # [-] periods, above which an interval is a gap
+    regular: tuple[float, float] = (0.5, 1.5)  # [-] periods of an interval in which the driver waited for the reading
+    lateness: float = 0.05  # [s] by which a stamp may be late, and
+    periods: float = 1.5  # [-] periods by which it may be
+    forgiven: float = 0.05  # [-] share of the time by which lateness is forgotten, as readings get lost, too
+    fewest: int = 2  # [-] regular intervals in a row after which stamps are believed again, and
+    enough: float = 0.05  # [s] of them, but …
+    after_burst: float = 0.3  # [s] … of them where readings have come in a burst within …
+    remembered: float = 10.0  # [s] … this time
+
+
+SETTINGS = PunctualitySettings()
+
+
+class Punctuality:
+    """Judges the stamps of one sensor, each by those before it."""
+
+    def __init__(self) -> None:
+        self.period = 0.0  # [s]; 0 while it is not known
+        self._irregularity = 0.0  # mean deviation of an interval from the period [periods]
+        self._count = 0
+        self._last = 0  # newest stamp [ns]
+        self._earliest = 0.0  # time at which the newest reading may have been made at the earliest [ns]
+        self._in_a_row: int | None = None  # regular intervals since a stamp was too late; None if none was
+        self._burst = 0  # stamp of the newest reading that followed another too closely, while in doubt [ns]
+
+    def lateness(self, stamp: int) -> float:
+        """By how much a new stamp [ns] may be later than the measurement [s], where that is too much; else 0."""
+        interval = (stamp - self._last) * 1e-9
+        if interval <= 0 or not self._last:
+            if not self._last:
+                self._begin(stamp)
+            return 0.0
+        known, period = self._count >= SETTINGS.first, self.period
+        self._last = stamp
+        if not known or period > SETTINGS.slowest or self._irregularity > SETTINGS.irregular:
+            self._learn(interval)
+            self._earliest, self._in_a_row = float(stamp), None
+            return 0.0
+        ratio = interval / period
+        late = self._late(stamp, interval)
+        if SETTINGS.close < ratio < SETTINGS.far:
+            self._learn(interval)
+        if late > max(SETTINGS.lateness, SETTINGS.periods * period):
+            self._doubt(stamp, ratio)
+        elif self._in_a_row is not None:
+            self._in_a_row = None
+        if self._in_a_row is None:
+            return 0.0
+        if self._in_a_row >= self._needed(stamp):
+            self._earliest, self._in_a_row = float(stamp), None
+            return 0.0
+        return late
+
+    def _begin(self, stamp: int) -> None:
+        self._last, self._earliest = stamp, float(stamp)
+
+    def _late(self, stamp: int, interval: float) -> float:
+        """By how much a stamp [ns] is later than one period after the earliest time of the reading before [s]."""
+        forgiven = SETTINGS.forgiven * min(interval, SETTINGS.far * self.period)
+        earliest = self._earliest + (self.period + forgiven) * 1e9
+        self._earliest = min(earliest, float(stamp))
+        return (stamp - self._earliest) * 1e-9
+
+    def _doubt(self, stamp: int, ratio: float) -> None:
+        """Count regular intervals, given the newest one in periods."""
+        lowest, highest = SETTINGS.regular
+        if self._in_a_row is None:
+            self._in_a_row = 0
+        elif lowest <= ratio <= highest:
+            self._in_a_row += 1
+        else:
+            self._in_a_row = 0
+            if ratio < lowest:
+                self._burst = stamp
+
+    def _needed(self, stamp: int) -> float:
+        """Regular intervals in a row after which stamps are believed again."""
+        bursts = self._burst and (stamp - self._burst) * 1e-9 < SETTINGS.remembered
+        return max(SETTINGS.fewest, (SETTINGS.after_burst if bursts else SETTINGS.enough) / self.period)
+
+    def _learn(self, interval: float) -> None:
+        """Let an interval [s] count in the period and in its irregularity."""
+        self._count += 1
+        share = max(SETTINGS.share, 1.0 / self._count)
+        if self.period:
+            deviation = abs(interval / self.period - 1.0)
+            self._irregularity += share * (min(deviation, SETTINGS.far) - self._irregularity)
+        interval = min(interval, SETTINGS.far * self.period) if self.period else interval
+        self.period += share * (interval - self.period)
