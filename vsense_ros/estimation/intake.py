@@ -79,7 +79,7 @@ class Intake(Generic[Sensor]):
             self.refuse(index, "stamp repeated")
         elif self._frozen(index, event):
             self.refuse(index, "value frozen")
-        elif late := self._punctuality[index].lateness(sample.stamp):
+        elif late := self._punctuality[index].lateness(stamp):
             self._jumps[index] = event.stamp  # where time is, is known all the same
             self.refuse(index, f"stamps up to {late:.2g} s late: those of arrival after a hold-up, not of measurement")
         else:

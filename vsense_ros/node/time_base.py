@@ -41,9 +41,9 @@ class TimeBase:
     """Maps wall time to the time of `/clock`, between its ticks too. Thread-safe.
 
     A tick is only ever seen late, so of the recent ticks the one that makes the time latest is the best. A clock that
-    was paused, jumped or runs at another rate starts the mapping anew. Ticks that come late by less than ten seconds are
-    believed only once none has made up for them for nearly a second: a process that had no processor for a while gets them in one go, and
-    what it measures may not be set back in time by that.
+    was paused, jumped or runs at another rate starts the mapping anew. Ticks that come late by less than ten seconds
+    are believed only once none has made up for them for nearly a second: a process that had no processor for a while
+    gets them in one go, and what it measures may not be set back in time by that.
     """
 
     def __init__(self, simulated: bool) -> None:
