@@ -28,7 +28,6 @@ from mcap.exceptions import EndOfFile
 from mcap.opcode import Opcode
 from mcap.records import Channel, Chunk, ChunkIndex, Metadata, Schema, Statistics
 from mcap.writer import MCAP0_MAGIC as MAGIC
-from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import NDArray
 
 from vsense_ros.errors import InputError
@@ -266,7 +265,7 @@ class _Scan:
 
         Where the index holds, it gives the messages, and only what lies between them is searched.
         """
-        indexed = np.unique(np.frombuffer(index, "<u8")[1::2])
+        indexed = _ascending(np.frombuffer(index, "<u8")[1::2])
         ends = _ends(records, indexed)
         if ends is None:
             return self._walk(records, 0, len(records))
@@ -301,8 +300,7 @@ class _Scan:
     def _gather(self, records: bytes, positions: NDArray[np.int64]) -> None:
         """Keep the messages at these positions, by channel."""
         heads = _heads(records, positions)
-        data = np.frombuffer(records, np.uint8)
-        for channel in np.unique(heads["channel"]).tolist():
+        for channel in _ascending(heads["channel"]).tolist():
             rows = np.flatnonzero(heads["channel"] == channel)
             begins = positions[rows] + MESSAGE_HEAD.itemsize
             sizes = heads["length"][rows].astype(np.int64) - _MESSAGE_FIELDS
@@ -313,7 +311,7 @@ class _Scan:
                     records[begin : begin + n] for begin, n in zip(begins.tolist(), sizes.tolist(), strict=True)
                 ]
             elif size:
-                payloads = sliding_window_view(data, size)[begins]
+                payloads = _at(records, begins, np.dtype(f"V{size}")).view(np.uint8).reshape(-1, size)
             else:
                 payloads = np.zeros((len(rows), 0), np.uint8)
             self.file.messages.setdefault(channel, []).append((payloads, heads["time"][rows]))
@@ -321,10 +319,20 @@ class _Scan:
 
 def _heads(records: bytes, positions: NDArray[np.int64]) -> NDArray[np.void]:
     """The fixed fields of the messages at these positions."""
-    if not len(positions):
-        return np.zeros(0, MESSAGE_HEAD)
-    windows = sliding_window_view(np.frombuffer(records, np.uint8), MESSAGE_HEAD.itemsize)
-    return np.ascontiguousarray(windows[positions]).view(MESSAGE_HEAD)[:, 0]
+    return _at(records, positions, MESSAGE_HEAD) if len(positions) else np.zeros(0, MESSAGE_HEAD)
+
+
+def _at(data: bytes, positions: NDArray[np.int64], kind: np.dtype[np.void]) -> NDArray[np.void]:
+    """Copies of what stands at these positions of some bytes."""
+    everywhere = np.ndarray(len(data) - kind.itemsize + 1, kind, data, strides=(1,))  # from each byte on, overlapping
+    return np.asarray(everywhere[positions])
+
+
+def _ascending(numbers: NDArray[Any]) -> NDArray[Any]:
+    """The numbers in ascending order, each once: mostly they are so already, or are all the same."""
+    if len(numbers) and (numbers == numbers[0]).all():
+        return numbers[:1]
+    return numbers if (numbers[1:] > numbers[:-1]).all() else np.unique(numbers)
 
 
 def _ends(records: bytes, positions: NDArray[np.uint64]) -> NDArray[np.int64] | None:
