@@ -198,13 +198,13 @@ def test_one_directional_slip_follows_the_curve_of_the_file(tyre: TMeasy, at: tu
 
 
 @relaxed
-@given(tyres(), st.floats(0.2, 1.0), st.sampled_from([(0.02, 0.01), (0.0, 0.001), (0.7, 0.4)]))
+@given(tyres(), st.floats(0.05, 1.0), st.sampled_from([(0.02, 0.01), (0.0, 0.001), (0.0, 1e-6), (0.7, 0.4)]))
 def test_less_grip_keeps_the_initial_slope_and_shrinks_the_rest(
     tyre: TMeasy, friction: float, slip: tuple[float, float]
 ):
     load = tyre.nominal_load
     dry, wet = at_slip(tyre, load, *slip), at_slip(tyre, load, *(friction * s for s in slip), friction)
-    assert_allclose(wet[:2], friction * dry[:2], rtol=1e-4)
+    assert_allclose(wet[:2], friction * dry[:2], rtol=1e-6, atol=1e-9 * tyre.nominal_load)
 
 
 @relaxed

@@ -183,10 +183,11 @@ class TMeasy(Tyre):
         factor_x = x.slip_at_maximum / (x.slip_at_maximum + y.slip_at_maximum) + range_x / (range_x + range_y)
         factor_y = y.slip_at_maximum / (x.slip_at_maximum + y.slip_at_maximum) + range_y / (range_x + range_y)
         normal_x, normal_y = slip_x / factor_x, slip_y / factor_y
-        slip = ca.sqrt(normal_x**2 + normal_y**2 + SLIP.smallest_slip**2)
-        share_x = (
-            normal_x**2 + 0.5 * SLIP.smallest_slip**2
-        ) / slip**2  # cos² of the slip direction; an even mix at zero slip
+        # All slips of the curves go with the friction, and so must the one that counts as none, or a tyre on ice, whose
+        # slips are small, would not be the dry one made smaller.
+        none = SLIP.smallest_slip * wheel.friction
+        slip = ca.sqrt(normal_x**2 + normal_y**2 + none**2)
+        share_x = (normal_x**2 + 0.5 * none**2) / slip**2  # cos² of the slip direction; an even mix at zero slip
 
         def combine(along: Scalar, across: Scalar) -> Scalar:
             return ca.sqrt(along**2 * share_x + across**2 * (1 - share_x))
