@@ -116,6 +116,19 @@ def curve_errors(values: Array) -> Array:
     return np.asarray(np.sqrt((((curves - truth) / truth.max(axis=1)[:, None]) ** 2).mean(axis=1)))
 
 
+def curve_bands(of_drive: Information) -> Array:
+    """Standard deviation along each force curve of `REACH`, of its peak (4, points): what a drive determines where the
+    shape and the curvature of a tyre cannot be told from each other."""
+
+    def curves(values: Array) -> Array:
+        return best_4dof.curves(PAPER | dict(zip(FREE, values.tolist(), strict=True)))
+
+    steps = np.diag(1e-4 * np.abs(of_drive.values))
+    peak = curves(of_drive.values).max(axis=1)[:, None]
+    slopes = [(curves(of_drive.values + s) - curves(of_drive.values - s)) / (2 * s.sum() * peak) for s in steps]
+    return np.apply_along_axis(of_drive.deviation_of, 0, np.array(slopes))
+
+
 def wrong_start(seed: int, names: tuple[str, ...] = FREE, by: float = WRONG) -> dict[str, float]:
     """The car's parameters, with these off by up to a share of themselves."""
     random = np.random.default_rng(1000 + seed)
@@ -400,11 +413,15 @@ def between(result: Repeated) -> Array:
 
 
 def _curves(result: Repeated) -> Table:
-    headings = ("start", "IEKF", "IUKF", "IEKF\nlow-passed", "paper's\nsettings", "IUKF to\nIEKF")
+    headings = ("start", "IEKF", "IEKF\nstated 1σ", "IUKF", "IEKF\nlow-passed", "paper's\nsettings", "IUKF to\nIEKF")
     table = plain_table("force curves, RMS error, % of peak", *headings, right=headings)
     columns = [
         np.median([curve_errors(one.start) for one in result.identified["iekf"]], axis=0),
-        *(np.median([one.curve_errors for one in result.identified[name]], axis=0) for name in KINDS),
+        np.median([one.curve_errors for one in result.identified["iekf"]], axis=0),
+        np.median(
+            [np.sqrt(np.mean(curve_bands(one.information) ** 2, axis=1)) for one in result.identified["iekf"]], axis=0
+        ),
+        np.median([one.curve_errors for one in result.identified["iukf"]], axis=0),
         np.median([one.curve_errors for one in result.filtered], axis=0),
         curve_errors(result.literal["iekf"].values),
         curves_between(result),

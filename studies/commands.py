@@ -145,6 +145,27 @@ def sampling(vehicle: str, out: Path) -> None:
     say(f"Picture in {picture}.")
 
 
+@main.command("moving-horizon")
+@click.option("--out", type=NEW_FILE, default=Path("out/moving_horizon.json"), show_default=True, help="File.")
+@click.option("--seconds", type=click.FloatRange(1.0), default=6.0, show_default=True, help="Length of the drive.")
+def moving_horizon(out: Path, seconds: float) -> None:
+    """Compare a moving-horizon estimator with the extended Kalman filter, on the model of Best & Bogdanski 2016.
+
+    \b
+    Examples:
+      python -m studies moving-horizon
+      python -m studies moving-horizon --seconds 20
+    """
+    from studies import moving_horizon as job
+    from vsense_ros.evaluate.terminal import console, progress, say
+
+    with progress("estimating") as done:
+        rows = job.compare(job.Study(seconds=seconds), done)
+    job.write(rows, out)
+    console().print(job.table(rows))
+    say(f"Written to {out}.")
+
+
 @main.command()
 @click.option("--out", type=NEW_FILE, default=Path("out/road.json"), show_default=True, help="File.")
 @click.option(

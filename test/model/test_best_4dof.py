@@ -73,3 +73,35 @@ def test_the_printed_longitudinal_equation_lacks_what_the_swinging_body_adds() -
     printed = Best4Dof(as_printed=True).rates(*named(state, inputs))[0]
     h = PAPER["cog_height"] - roll_axis_height(PAPER)
     assert float(ca.evalf(printed)) - rates(state, inputs)[0] == pytest.approx(h * 0.5 * 0.3, rel=1e-9)
+
+
+def test_motion_is_that_of_lagrange_for_a_mass_that_swings_out() -> None:
+    """Lagrange's equations in quasi-velocities (Meirovitch 1970, section 4.6), from the kinetic energy alone."""
+    random = np.random.default_rng(4)
+    h = PAPER["cog_height"] - roll_axis_height(PAPER)
+    motion = ca.SX.sym("motion", 4)  # U, V, r, p
+    roll, rate = ca.SX.sym("roll"), ca.SX.sym("rate", 4)
+    ahead, left, yaw, rolling = ca.vertsplit(motion)
+    about_axis = PAPER["roll_inertia"] - MASS * h**2  # the paper's is about the roll axis
+    velocity = ca.vertcat(ahead + h * roll * yaw, left - h * rolling)
+    energy = (MASS * ca.sumsqr(velocity) + PAPER["yaw_inertia"] * yaw**2 + about_axis * rolling**2) / 2
+    momentum = ca.gradient(energy, motion)
+    change = ca.jtimes(momentum, motion, rate) + ca.jacobian(momentum, roll) * rolling
+    turned = ca.vertcat(-yaw * momentum[1], yaw * momentum[0], ahead * momentum[1] - left * momentum[0], 0)
+    generalized = change + turned - ca.vertcat(0, 0, 0, ca.gradient(energy, roll))
+    force = ca.Function("force", [motion, roll, rate], [generalized])
+    for _ in range(5):
+        state = random.normal(size=13) * [3, 1, 0.4, 0.08, 0.3, *[2000] * 8] + [20, *[0] * 12]
+        inputs = np.concatenate([[0.05], 60 + random.normal(size=4)])
+        x, u, p = named(state, inputs)
+        along, across = (np.array([float(ca.evalf(f)) for f in each]) for each in MODEL.road_forces(x, u))
+        loads = [float(ca.evalf(load)) for load in MODEL.loads(x, u, p)]
+        to_front = PAPER["wheelbase"] * PAPER["rear_weight"] / (MASS * GRAVITY)
+        half = PAPER["half_track"]
+        about_road = to_front * across[:2].sum() - (PAPER["wheelbase"] - to_front) * across[2:].sum()
+        about_road += half * (along[1] + along[3] - along[0] - along[2])
+        about_roll = MASS * GRAVITY * h * state[3] + roll_axis_height(PAPER) * across.sum()
+        about_roll += half * (loads[0] + loads[2] - loads[1] - loads[3])
+        found = np.array(force(state[[0, 1, 2, 4]], state[3], rates(state, inputs)[[0, 1, 2, 4]]))[:, 0]
+        expected = np.array([along.sum(), across.sum(), about_road, about_roll])
+        np.testing.assert_allclose(found, expected, rtol=1e-9, atol=1e-6)

@@ -29,6 +29,10 @@ class InformationSettings:
     most_steps: int = 6  # of Gauss and Newton
     longest_step: float = 0.5  # [prior deviations]
     last_step: float = 0.01  # [prior deviations] the step with which the iteration ends
+    # [-] share of its value by which errors of form, of the integration's steps and of filters before it make a
+    # parameter wrong however long the drive is: pieces of the drive agree about that. Measured on twins that are driven
+    # to their limits, whose intervals held in 63 % instead of 90 % of the cases without it.
+    form_share: float = 0.005
     prior_share: float = 0.05  # [-] of the prior deviations, with which the information of the drives is evaluated
     correlated: float = 0.9  # [-] correlation from which on two parameters are named together
 
@@ -39,7 +43,7 @@ INFORMATION = InformationSettings()
 @dataclass(frozen=True)
 class Information:
     """Information about the parameters `names` at `values` (p,), with prior deviations (p,): `scaled` information D I D
-    (p, p).
+    (p, p). Deviations include errors of form, which no longer drive makes less (`INFORMATION.form_share`).
 
     Where the slopes of the log-likelihood of the pieces of the drives are known, `pieces` (c, p), scaled likewise,
     deviations are those of an estimate by a model that is not right, if they are larger (White 1982).
@@ -82,14 +86,16 @@ class Information:
 
     def deviation_of(self, gradient: Array) -> float:
         """Standard deviation of a function of the parameters with this gradient (p,)."""
-        right = float(np.sqrt(gradient @ self.covariance @ gradient))
+        form = float(np.sum((INFORMATION.form_share * self.values * gradient) ** 2))
+        right = float(np.sqrt(gradient @ self.covariance @ gradient + form))
         if self.pieces is None:
             return right
         # Not of all parameters at once: there are hardly more pieces than these.
         inverse = np.linalg.inv(self.scaled * self.disagreement + np.eye(len(self.names)))
         by_prior = inverse @ (self.prior * gradient)
         influence = self.pieces @ by_prior
-        return max(right, float(np.sqrt(len(influence) * influence.var(ddof=1) + by_prior @ by_prior)))
+        wrong = len(influence) * influence.var(ddof=1) + by_prior @ by_prior
+        return max(right, float(np.sqrt(wrong + form)))
 
     @property
     def amplification(self) -> Array:

@@ -79,9 +79,12 @@ class Best4Dof:
     roll [rad] and roll rate [rad/s], tyre forces in the axes of each wheel [N]. Inputs: road-wheel angle [rad], spin
     of each wheel [rad/s]. Outputs: acceleration ahead and to the left [m/s²], roll rate [rad/s] (eq. 30).
 
-    `as_printed`: the longitudinal equation of the paper. In a frame that yaws and does not roll, a centre of gravity
-    that has swung out by -h φ has the Coriolis term 2 h r p and the term h φ ṙ; eq. 14 has the first only once, and the
-    second not at all. At a yaw rate of 0.5 rad/s and a roll rate of 0.3 rad/s that is 0.065 m/s².
+    `as_printed`: the equations of motion of the paper. In a frame that yaws and does not roll, a centre of gravity that
+    has swung out by -h φ has the velocity (U + h φ r, V - h p). That gives the longitudinal equation the Coriolis term
+    2 h r p and the term h φ ṙ, of which eq. 14 has half of the first; the lateral and the roll equation r (U + h φ r)
+    in place of r U; and a longitudinal force the arm h φ about the centre of gravity, which eq. 16 lacks. At a yaw rate
+    of 0.5 rad/s and a roll rate of 0.3 rad/s the first is 0.065 m/s²; braked at 9 m/s² in a turn the last is
+    0.1 rad/s².
 
     `yaw_rate`: whether that is an output, too, of a car with a stability control.
 
@@ -113,17 +116,20 @@ class Best4Dof:
         front, rear = left[0] + left[1], left[2] + left[3]
         turning = ahead[1] + ahead[3] - ahead[0] - ahead[2]
         yaw = (to_front * front - (p.wheelbase - to_front) * rear + p.half_track * turning) / p.yaw_inertia
+        swung = 0.0 if self.as_printed else h * x.roll
+        yaw -= swung * total_x / p.yaw_inertia
+        through = x.yaw_rate * (x.speed + swung * x.yaw_rate)  # acceleration towards the middle of the turn
         # eqs. 15 and 17 are linear in the lateral and the roll acceleration: [M, -M h; -M h, I] of these is
-        side = total_y - mass * x.speed * x.yaw_rate
+        side = total_y - mass * through
         rolling = (
-            mass * h * x.speed * x.yaw_rate + mass * GRAVITY * h * x.roll + axis * total_y
+            mass * h * through + mass * GRAVITY * h * x.roll + axis * total_y
             + p.half_track * (loads[0] + loads[2] - loads[1] - loads[3])
         )  # fmt: skip
         det = mass * p.roll_inertia - (mass * h) ** 2
         swinging = h * x.yaw_rate * x.roll_rate
-        ahead_rate = total_x / mass + x.yaw_rate * x.lateral_velocity - swinging
+        ahead_rate = total_x / mass + x.yaw_rate * x.lateral_velocity - swinging - swung * yaw
         if not self.as_printed:
-            ahead_rate -= swinging + h * x.roll * yaw
+            ahead_rate -= swinging
         lag = [
             [(steady - now) / p.lag for steady, now in zip(pair, (fx, fy), strict=True)]
             for pair, fx, fy in zip(self.steady_forces(x, u, p, loads), *self.tyre_forces(x), strict=True)
