@@ -148,7 +148,7 @@ def compare(study: Study = Study(), progress: Callable[[float], None] = lambda s
     random = np.random.default_rng(study.seed)
     inputs = twin.inputs + random.standard_normal(twin.inputs.shape) * best_twin.INPUT_NOISE
     outputs = np.hstack([twin.clean, twin.states[:, 2:3]])
-    outputs += random.standard_normal(outputs.shape) * OUTPUT_NOISE
+    outputs += random.standard_normal(outputs.shape) * np.array(OUTPUT_NOISE)
     tyres = {"front_peak": study.front_peak, "front_stiffness": study.front_stiffness}
     wrong = PAPER | {name: PAPER[name] * factor for name, factor in tyres.items()}
     cases: dict[str, tuple[Mapping[str, float], float]] = {
