@@ -16,7 +16,6 @@ import re
 import struct
 from array import array
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
@@ -24,9 +23,9 @@ from typing import Any
 import can
 import numpy as np
 from can.io.asc import ASCReader
-from numpy.typing import NDArray
 
-from vsense_ros.driver.can_signal import Frames
+from vsense_ros.driver.can_frames import CanFrames
+from vsense_ros.driver.can_frames_fast import asc_frames, blf_frames
 from vsense_ros.driver.can_text_logs import TEXT_LOGS, TextLog, numbered_lines, shown
 from vsense_ros.driver.mdf import make_asammdf_careful
 from vsense_ros.errors import InputError
@@ -34,7 +33,6 @@ from vsense_ros.errors import InputError
 FORMATS = (
     "candump, Vector ASC and BLF, PEAK TRC, GVRET and python-can CSV, MDF4, BUSMASTER, CRTD, Vehicle Spy CSV, Microchip"
 )
-UNIX = 1e8  # [s] from which on a time is one since 1970
 _MOST_LOSSES = 50  # that are told one by one
 
 # (time) channel id#data, id##flags data (FD), id#R (remote); or for people: (time) channel [RX -] id [length] data
@@ -45,38 +43,6 @@ _CANDUMP = re.compile(
 )
 _VIEW_WITHOUT_TIME = re.compile(r"\s*\S{1,16}\s+[0-9A-Fa-f]{3,8}\s+\[\d{1,2}\]\s+([0-9A-Fa-f]{2}\s*)*\s*")
 _GVRET = ("time stamp", "id", "extended")
-
-
-@dataclass(frozen=True)
-class CanFrames:
-    """The data frames of a log as columns, in the order of the log."""
-
-    time: NDArray[np.float64]  # (n,) [s]
-    identifier: NDArray[np.uint32]  # (n,)
-    is_extended: NDArray[np.bool_]  # (n,)
-    channel: NDArray[np.int16]  # (n,), which of `channels`
-    channels: tuple[str, ...]
-    length: NDArray[np.int64]  # (n,) [byte]
-    begin: NDArray[np.int64]  # (n,), where in `data` a frame's own begins
-    data: NDArray[np.uint8]
-    losses: tuple[str, ...] = ()
-
-    def __len__(self) -> int:
-        return len(self.time)
-
-    @property
-    def counts_from_zero(self) -> bool:
-        """True if the times count from the start of the log."""
-        return bool(len(self.time)) and float(np.median(self.time)) < UNIX
-
-    def rows(self, chosen: NDArray[np.intp]) -> Frames:
-        """Data of some frames, (frames, bytes of the longest), shorter ones filled with zeros."""
-        length, begin = self.length[chosen], self.begin[chosen]
-        width = int(length.max(initial=0))
-        at = np.minimum(begin[:, None] + np.arange(width), max(len(self.data) - 1, 0))
-        found = self.data[at] if len(self.data) else np.zeros((len(chosen), width), np.uint8)
-        found[np.arange(width) >= length[:, None]] = 0
-        return found
 
 
 class CanLog:
@@ -98,6 +64,13 @@ class CanLog:
         self._lost += 1
         if self._lost <= _MOST_LOSSES:
             self.losses.append(what)
+
+    def first_time(self) -> float | None:
+        """Time of the first message [s]; None where none is intact."""
+        try:
+            return next(iter(self)).timestamp
+        except (InputError, StopIteration):
+            return None
 
     def __iter__(self) -> Iterator[can.Message]:
         self.losses.clear()
@@ -189,8 +162,15 @@ def read_can_log(path: str | Path) -> CanLog:
 
 
 def read_frames(path: str | Path) -> CanFrames:
-    """All data frames of a log as columns."""
+    """All data frames of a log as columns: at once where a file is whole and has classic frames alone, else one by
+    one."""
     log = read_can_log(path)
+    fast = {"blf": blf_frames, "asc": asc_frames}.get(log.format)
+    found = None if fast is None else fast(log.path, log.first_time)
+    return _one_by_one(log) if found is None else found
+
+
+def _one_by_one(log: CanLog) -> CanFrames:
     time, begin, identifier, length = array("d"), array("q"), array("I"), array("B")
     is_extended, channel = array("B"), array("h")
     data = bytearray()
