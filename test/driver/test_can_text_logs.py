@@ -8,7 +8,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from vsense_ros.driver.can_log import CanFrames, format_of, read_frames
+from vsense_ros.driver.can_frames import CanFrames
+from vsense_ros.driver.can_log import format_of, read_frames
 
 BUSMASTER = """***BUSMASTER Ver 2.4.0***
 ***PROTOCOL CAN***

@@ -11,7 +11,8 @@ from cantools.database import Message
 from numpy.typing import NDArray
 
 from vsense_ros.driver.can_database import read_database
-from vsense_ros.driver.can_log import CanFrames, read_frames
+from vsense_ros.driver.can_frames import CanFrames
+from vsense_ros.driver.can_log import read_frames
 from vsense_ros.driver.can_signal import SignalField
 from vsense_ros.errors import InputError
 

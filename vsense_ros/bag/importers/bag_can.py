@@ -15,7 +15,7 @@ import numpy as np
 from vsense_ros.bag.decoding import TopicMessages
 from vsense_ros.bag.importers import can_log, mcap, rosbag2
 from vsense_ros.bag.reading import read_whole_bag
-from vsense_ros.driver.can_log import CanFrames
+from vsense_ros.driver.can_frames import CanFrames
 from vsense_ros.errors import InputError
 from vsense_ros.messages.cdr_messages import CanFrame, decode_can_frame
 from vsense_ros.messages.recording import Recording

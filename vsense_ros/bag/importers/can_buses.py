@@ -10,7 +10,7 @@ import numpy as np
 
 from vsense_ros.driver.can import CanDecoder
 from vsense_ros.driver.can_database import CanDatabase, read_database
-from vsense_ros.driver.can_log import CanFrames
+from vsense_ros.driver.can_frames import CanFrames
 from vsense_ros.driver.can_mapping import CanMapping, load_mapping
 from vsense_ros.errors import InputError
 

@@ -15,7 +15,8 @@ from numpy.typing import NDArray
 from vsense_ros.bag.importers import build, can_buses
 from vsense_ros.bag.importers.build import Array, Stamps
 from vsense_ros.driver.can import CanDecoder
-from vsense_ros.driver.can_log import CanFrames, format_of, read_frames
+from vsense_ros.driver.can_frames import CanFrames
+from vsense_ros.driver.can_log import format_of, read_frames
 from vsense_ros.driver.can_mapping import AnyOutput, ImuOutput, JointStateOutput
 from vsense_ros.driver.can_motion import MotionBase
 from vsense_ros.driver.samples import ABSENT, UNMEASURED_VARIANCE
