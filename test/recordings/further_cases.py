@@ -12,10 +12,15 @@ import pytest
 from cantools.database import Database, Message, Signal
 from cantools.database.conversion import LinearConversion
 
+from recordings import conventions, guessing, planted
 from recordings.cases import NOON, SECOND, decoder, frame, nmea, pvt
+from recordings.known_buses import BUSES
+from recordings.known_logs import LOGS
 from vsense_ros.bag import write_bag
 from vsense_ros.bag.importers import build, import_recording
+from vsense_ros.checks.correcting import mended
 from vsense_ros.checks.inspect import inspect
+from vsense_ros.checks.mending import mends
 from vsense_ros.driver.can import CanDecoder
 from vsense_ros.driver.can_database import read_database
 from vsense_ros.driver.can_mapping import CanMapping
@@ -201,15 +206,47 @@ def hostile_input(folder: Path) -> None:
         import_recording(folder / "outside.mat", mapping=mapping)
 
 
+def mend_twice_undoes_itself(folder: Path) -> None:
+    recording = conventions.without_gnss(planted.drive("double_lane_change", "prototype_real", 0))
+    reversed_ = planted.changed(recording, planted.STEERING, planted.scaled("position", -1.0))
+    (todo,) = mends(reversed_)
+    assert todo.topic == planted.STEERING
+    after = mended(reversed_, [todo])
+    assert conventions.same(after, recording)
+    assert inspect(after).problems == ()
+
+
+def bag_with_usual_names(folder: Path) -> None:
+    verdict = guessing.judged("bag", BUSES["ROS 2 bag of drivers"], folder)
+    assert verdict.right, verdict.why
+
+
+def dialects_of_tables(folder: Path) -> None:
+    for name in (
+        "Torque",
+        "Car Scanner",
+        "TrackAddict",
+        "12-hour clock",
+        "days of a spreadsheet",
+        "MoTeC i2",
+        "RomRaider",
+    ):
+        verdict = guessing.judged(name, LOGS[name], folder)
+        assert verdict.right, verdict.why
+
+
 FURTHER_CASES = {
     "21_ubx_among_nmea": ubx_among_nmea,
     "22_clock_wraps_or_is_set": clock_wraps_or_is_set,
+    "23_mend_twice_undoes_itself": mend_twice_undoes_itself,
     "24_sign_in_a_bit_of_its_own": sign_in_a_bit_of_its_own,
     "25_quality_flag": quality_flag,
     "26_one_signal_drops_the_frame": one_signal_drops_the_frame,
     "27_two_databases_two_buses": two_databases_two_buses,
     "28_vbo_of_racebox": vbo_of_racebox,
+    "29_bag_with_usual_names": bag_with_usual_names,
     "30_container_pdu": container_pdu,
+    "31_dialects_of_tables": dialects_of_tables,
     "32_speed_and_gnss_on_can": speed_and_gnss_on_can,
     "33_hostile_input": hostile_input,
 }

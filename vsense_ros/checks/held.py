@@ -24,6 +24,18 @@ class HeldSettings:
 SETTINGS = HeldSettings()
 
 
+def first_of_each(values: NDArray[np.float64], every: int) -> NDArray[np.bool_]:
+    """The rows (n,) of (n, m) values at which a source brought new ones, which each stand in `every` rows.
+
+    Where the source rests, the same value comes again after as many rows.
+    """
+    rows = np.arange(len(values))
+    changed = np.concatenate([[True], (np.diff(np.nan_to_num(values), axis=0) != 0).any(axis=1)])
+    since = rows - np.maximum.accumulate(np.where(changed, rows, 0))
+    fresh: NDArray[np.bool_] = changed | (since % every == 0)
+    return fresh
+
+
 def period_of_updates(values: NDArray[np.float64]) -> int | None:
     """In how many rows of (n, m) values each one stands, the same everywhere; None where each row may bring a new one.
 

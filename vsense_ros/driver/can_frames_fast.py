@@ -192,7 +192,7 @@ class _Words:
         is_other = self._count > 0
         is_other[chosen[is_frame]] = False
         others = np.flatnonzero(is_other)
-        if len(others) > max(_MOST_OTHERS * len(self._count), 20) or not all(map(self._is_other, others)):
+        if len(others) > max(_MOST_OTHERS * len(self._count), 20) or not all(map(self._is_other, others.tolist())):
             return None
         first, size = first[is_frame], size[is_frame]
         time, channel = (self._number(first + place) for place in (0, 1))

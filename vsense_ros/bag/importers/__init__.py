@@ -14,6 +14,7 @@ from types import ModuleType
 from typing import Any
 
 from vsense_ros.bag.clocks import with_steady_clocks
+from vsense_ros.bag.held import without_repeats
 from vsense_ros.errors import InputError
 from vsense_ros.extras import MissingExtra, explained
 from vsense_ros.messages.recording import Recording
@@ -106,7 +107,7 @@ def import_recording(path: str | Path, **options: Any) -> Recording:
     with bounded_memory(Path(path)):
         try:
             with explained():
-                return with_steady_clocks(importer.read(Path(path), **options))
+                return without_repeats(with_steady_clocks(importer.read(Path(path), **options)))
         except (InputError, MemoryError):
             raise
         except Exception as error:  # of a library, that a damaged file has led where nobody expected it

@@ -22,7 +22,7 @@ from vsense_ros.bag.importers.mapping import (
     signals_of,
     unit_of,
 )
-from vsense_ros.checks.held import period_of_updates
+from vsense_ros.checks.held import first_of_each, period_of_updates
 from vsense_ros.errors import InputError
 from vsense_ros.messages import units
 from vsense_ros.messages.memory import give_back
@@ -116,10 +116,7 @@ class _Maker:
         every = period_of_updates(np.column_stack([column.values[beginning] for column in raw.values()]))
         if every is None:
             return keep
-        values = np.column_stack([column.values[rows] for column in raw.values()])
-        changed = np.concatenate([[True], (np.diff(np.nan_to_num(values), axis=0) != 0).any(axis=1)])
-        since = np.arange(len(rows)) - np.maximum.accumulate(np.where(changed, np.arange(len(rows)), 0))
-        fresh = changed | (since % every == 0)  # standing still, the same value comes again
+        fresh = first_of_each(np.column_stack([column.values[rows] for column in raw.values()]), every)
         self._notes.append(f"{topic}: each value stands in {every} rows; only the first of them is a measurement")
         found = np.zeros(len(keep), bool)
         found[rows[fresh]] = True
