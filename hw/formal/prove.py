@@ -35,7 +35,7 @@ class Proof:
 
 
 PROOFS = {
-    "a sum commutes": Proof("formal_add", (*ARITHMETIC, "formal/units.sv"), 10),
+    "a sum commutes": Proof("formal_add", (*ARITHMETIC, "formal/units.sv"), 8),
     "a product with one": Proof("formal_mul", (*ARITHMETIC, "formal/units.sv"), 10),
     "a quotient by zero": Proof("formal_div", (*ARITHMETIC, "formal/units.sv"), 20),
     "no packet is mixed, lost or cut, and no valid drops": Proof("formal_control", CONTROL, 18),

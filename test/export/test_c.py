@@ -261,6 +261,19 @@ def test_it_starts_as_the_one_in_python_does(vehicle: Vehicle, library: ctypes.C
     np.testing.assert_array_equal(theirs.covariance, ours.car.covariance)
 
 
+@pytest.mark.parametrize("h", [-0.004, -1e-300, 5.0, np.inf, -np.inf, np.nan])
+def test_a_step_that_the_header_excludes_is_refused_and_changes_nothing(
+    vehicle: Vehicle, library: ctypes.CDLL, h: float
+) -> None:
+    exported = check.Exported(vehicle, library)
+    exported.start(17.0)
+    before = exported.parts["state"].copy(), exported.covariance.copy()
+    assert not exported.predict(h)
+    np.testing.assert_array_equal(exported.parts["state"], before[0])
+    np.testing.assert_array_equal(exported.covariance, before[1])
+    assert exported.predict(vehicle.observer.longest_step)
+
+
 def test_a_copy_of_the_struct_is_the_whole_filter(vehicle: Vehicle, library: ctypes.CDLL) -> None:
     """Two observers in turn do what each does alone, and one that is put back does the same again."""
     alone, first, second = (under_way(vehicle, library) for _ in range(3))

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import shutil
+import subprocess
 from dataclasses import replace
 from functools import cache
 from pathlib import Path
@@ -124,3 +126,41 @@ def test_c_takes_a_reading_that_is_none_as_python_does(value: float, tmp_path: P
     difference = compare(car(), "triple_kkf", tmp_path, replace(drive(), channels=channels))
     assert difference.corrections > 1000
     assert difference.largest < 1e-9
+
+
+_TWO_FILTERS = """
+#include <cmath>
+#include <cstdio>
+#include "fast/dual_kkf.h"
+#include "slow/dual_kkf.h"
+int main() {
+    fast_filter f; slow_filter s;
+    fast_start(&f); slow_start(&s);
+    const double fix[] = FAST_VARIANCE_IMU;
+    const int refused = !fast_predict(&f, -0.004) + !fast_predict(&f, NAN) + !slow_predict(&s, INFINITY);
+    std::printf("%d %d %.17g %d\\n", fast_predict(&f, 0.01), slow_predict(&s, 0.02), fix[0], refused);
+}
+"""
+
+
+@needs_compiler
+def test_two_filters_in_one_program_of_c_plus_plus_have_their_own_names(tmp_path: Path) -> None:
+    compiler = codegen.compiler() or ""
+    if shutil.which("g++") is None:
+        pytest.skip("g++ is not installed here")
+    objects = []
+    for prefix in ("fast", "slow"):
+        folder = tmp_path / prefix
+        filters.write(car(), "dual_kkf", folder, prefix)
+        for source in filters.sources("dual_kkf", folder):
+            objects.append(str(folder / f"{source.stem}.o"))
+            command = [compiler, "-std=c99", "-O0", "-c", str(source), "-o", objects[-1]]
+            subprocess.run(command, check=True, capture_output=True)
+    (tmp_path / "two.cpp").write_text(_TWO_FILTERS)
+    program = str(tmp_path / "two")
+    subprocess.run(["g++", f"-I{tmp_path}", str(tmp_path / "two.cpp"), *objects, "-o", program, "-lm"], check=True)
+    printed = subprocess.run([program], check=True, capture_output=True, text=True).stdout.split()
+    assert printed[:2] == ["1", "1"]
+    imu = car().sensing()["imu"]
+    assert float(printed[2]) == pytest.approx(imu.deviations()[0] ** 2, rel=1e-15)
+    assert printed[3] == "3"

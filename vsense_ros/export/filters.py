@@ -236,6 +236,7 @@ class _Contents:
             "meaning": (type(sensor).__doc__ or "").strip().splitlines()[0],
             "size": size,
             "limit": number(largest_nis(use.gate, size)),
+            "variance": _list(sensor.deviations() ** 2),
             "inputs": use.inputs,
             "speed": speed,
             "memories": [one["function"] for one in memories],

@@ -17,7 +17,7 @@ PREFIX = "vsense"  # of every name that other sources see
 _PLAIN = str.maketrans({"²": "^2", "³": "^3", "°": "deg", "µ": "u", "·": " ", "×": "x", "–": "-", "…": "..."})
 _MATHEMATICS = (
     "sqrt|sin|cos|tan|asin|acos|atan|atan2|sinh|cosh|tanh|asinh|acosh|atanh|exp|log|pow|fabs|fmin|fmax|fmod|copysign|"
-    "hypot|floor|ceil|erf|log1p|expm1"
+    "hypot|floor|ceil|rint|erf|log1p|expm1"
 )
 _LITERAL = re.compile(r"(?<![\w.%])(\d+\.\d*(?:[eE][+-]?\d+)?|\d+[eE][+-]?\d+)(?![\w.])")
 
