@@ -73,13 +73,14 @@ class Intake(Generic[Sensor]):
         """What was read of a message with a stamp and a time of arrival [ns], if it can be true and is new."""
         health = self.health[index]
         health.receive(self._arrival(stamp, received), self.sensors[index])
+        late = self._punctuality[index].lateness(stamp)
         if not isinstance(event, Event):
             self.refuse(index, event)
         elif stamp <= health.last_stamp and stamp in health.stamps:
             self.refuse(index, "stamp repeated")
         elif self._frozen(index, event):
             self.refuse(index, "value frozen")
-        elif late := self._punctuality[index].lateness(stamp):
+        elif late:
             self._jumps[index] = event.stamp  # where time is, is known all the same
             self.refuse(index, f"stamps up to {late:.2g} s late: those of arrival after a hold-up, not of measurement")
         else:
