@@ -1,4 +1,4 @@
-"""The arithmetic units in Icarus, by cocotb: latency, one result a clock, rounding, special numbers.
+"""Tests in Icarus by cocotb: the arithmetic units, and a kernel behind its registers with models of its buses.
 
 python hw/test/cocotb_units.py
 """
@@ -26,30 +26,30 @@ def operands(count):
     return first, second
 
 
-def main():
-    from cocotb_tools.runner import get_runner
+def simulate(name, files, module, top, parameters):
+    """Build a module and run the tests of a Python module on it; says how many there were, and whether all passed."""
+    from cocotb_tools.runner import get_results, get_runner
 
+    runner = get_runner("icarus")
+    place = Path("out/cocotb").resolve() / name
+    options = {"hdl_toplevel": top, "build_dir": place, "parameters": parameters}
+    runner.build(sources=files, timescale=("1ns", "1ps"), always=True, **options)
+    results = runner.test(test_module=module, test_dir=HERE, results_xml=str(place / "results.xml"), **options)
+    tests, failed = get_results(results)
+    print(f"{name}: {tests} tests, {failed} failed")
+    return tests > 0 and failed == 0
+
+
+def main():
     from vsense_ros.accelerator.rtl import sources
 
-    for unit in UNITS:
-        runner = get_runner("icarus")
-        place = Path("out/cocotb").resolve() / unit
-        files = [sources() / f"{unit}.sv"]
-        runner.build(sources=files, hdl_toplevel=unit, build_dir=place, timescale=("1ns", "1ps"), always=True)
-        results = runner.test(
-            hdl_toplevel=unit,
-            test_module="units_by_cocotb",
-            build_dir=place,
-            test_dir=HERE,
-            results_xml=str(place / "results.xml"),
-        )
-        from cocotb_tools.runner import get_results
-
-        tests, failed = get_results(results)
-        print(f"{unit}: {tests} tests, {failed} failed")
-        if failed or not tests:
-            return 1
-    return 0
+    passed = [simulate(unit, [sources() / f"{unit}.sv"], "units_by_cocotb", unit, {}) for unit in UNITS]
+    control = [
+        HERE.parent / "control" / f"{name}.sv" for name in ("register_map", "chosen_kernel", "controlled_kernel")
+    ]
+    files = [*control, *sorted(sources().glob("*.sv"))]
+    passed.append(simulate("body_mass_controlled", files, "control_by_cocotb", "controlled_kernel", {"NUMBER": 3}))
+    return 0 if all(passed) else 1
 
 
 if __name__ == "__main__":
