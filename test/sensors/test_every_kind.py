@@ -15,7 +15,8 @@ from vsense_ros.messages.topics import INPUTS as TOPICS
 from vsense_ros.model import sensors
 from vsense_ros.model.coordinates import INPUTS
 from vsense_ros.model.motion import Motion
-from vsense_ros.model.sensors import KINDS, SensorBase, Steering, compared_signals
+from vsense_ros.model.sensors import KINDS, SensorBase, Steering, WheelSpeeds, compared_signals
+from vsense_ros.model.sensors.base import Names, Values, Vector
 from vsense_ros.model.sensors.simulated import SimulatedDrive
 
 ORIGIN = (43.5, -8.2, 50.0)
@@ -77,6 +78,21 @@ def test_a_channel_read_in_blocks_is_what_its_messages_are_one_by_one(
     found = list(in_blocks.read_channel(channel))
     assert [repr(one) for one in found] == [repr(one) for one in expected]
     assert any(not isinstance(one, str) for one in found)
+
+
+class _Mean(WheelSpeeds):
+    """A kind that takes one message at a time: all wheels have the mean of those that are there."""
+
+    def read(self, names: Names, values: Values, out: Vector, variance: Vector) -> None:
+        out[:] = np.mean(values["velocity"])
+
+
+def test_a_kind_that_reads_its_messages_otherwise_does_so_in_blocks_too():
+    stamps, speeds = np.arange(3) * 10_000_000, np.arange(12.0).reshape(3, 4)
+    sensor = _Mean()
+    channel = Channel("topic", sensor.message, stamps, stamps, {"velocity": speeds}, "", sensor.joints)
+    found = [event.value for event in Reader(0, sensor, Map(ORIGIN)).read_channel(channel)]
+    assert_allclose(found, np.repeat(speeds.mean(axis=1)[:, None], 4, axis=1))
 
 
 @pytest.mark.parametrize("sensor", MEASURING)

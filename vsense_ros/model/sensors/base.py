@@ -353,7 +353,10 @@ class JointSensor(SensorBase):
         by_name(names, self.joints, values.get(self.field), out)
 
     def read_rows(self, names: Names, columns: Values, out: Vector, variance: Vector) -> None:
-        self.read(names, {field: column.T for field, column in columns.items()}, out.T, variance.T)
+        if type(self).read is JointSensor.read:
+            by_name(names, self.joints, columns[self.field].T, out.T)
+        else:  # a kind that reads its messages otherwise
+            super().read_rows(names, columns, out, variance)
 
     def simulated(self, drive: SimulatedDrive) -> Content:
         value = drive.truth if self.is_input else self.disturbed(drive)
