@@ -14,6 +14,7 @@ from vsense_ros.messages.recording import Recording
 from vsense_ros.model.vehicle import Vehicle
 from vsense_ros.runner import Runner, run
 from vsense_ros.runner.catalogue import every_filter
+from vsense_ros.runner.playing import play
 from vsense_ros.runner.run import topics_in
 from vsense_ros.runner.vote_settings import VOTE
 
@@ -126,3 +127,19 @@ def test_topics_without_messages_are_no_topics(drive):
     assert topics_in(drive, topics) == ("imu/data", "gps/fix")
     empty = replace(drive, channels={**drive.channels, "gps/fix": drive["gps/fix"].select(slice(0, 0))})
     assert topics_in(empty, topics) == ("imu/data",)
+
+
+def test_a_recording_that_is_played_is_what_its_messages_are_one_by_one(car: Vehicle, drive: Recording) -> None:
+    """With a vector that is absent for a while, and one that is no quantity."""
+    absent = inertial(drive, "angular_velocity", lambda vectors: np.full_like(vectors, np.nan), 5.0, 5.5)
+    strange = inertial(absent, "linear_acceleration", lambda vectors: 1e9 + vectors, 8.0, 8.2)
+    played, fed = (Runner(car, make=every_filter()[NAME].make) for _ in range(2))
+    topics = topics_in(strange, played.topics)
+    count = sum(1 for _ in play(played, strange, topics))
+    for sample in strange.samples(topics):
+        fed.add(sample)
+    assert count == sum(len(strange[topic]) for topic in topics)
+    assert played.stamp == fed.stamp > 0
+    np.testing.assert_array_equal(played.filter.memory, fed.filter.memory)
+    assert played.diagnostics() == fed.diagnostics()
+    assert played.health == fed.health

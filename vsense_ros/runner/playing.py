@@ -10,11 +10,12 @@ from vsense_ros.runner.runner import Runner
 
 
 def play(runner: Runner, recording: Recording, topics: Sequence[str]) -> Iterator[None]:
-    """Let a runner use the messages of a recording on these topics in order of arrival, and yield after each.
+    """Let a runner use the messages of a recording on these topics in order of arrival, ties in the order of the
+    recording, and yield after each.
 
     The runner does what it would do if each were given to `Runner.add`.
     """
-    channels = [recording[topic].in_order() for topic in topics]
+    channels = [channel.in_order() for topic, channel in recording.channels.items() if topic in topics]
     streams = [_read_ahead(runner, channel) for channel in channels]
     for stamp, received, readings in by_arrival([channel.received for channel in channels], streams):
         for index, reading in readings:
