@@ -194,13 +194,14 @@ def results(
         faults = under_faults(asked, done)
     with progress("units of FMI") as done:
         fmi = units(vehicle, done)
-    arm = Path("out/arm.json")
+    arm, formal = Path("out/arm.json"), Path("out/formal.json")
     return {
         "kernels": content,
         "node": nodes,
         **table,
         "timing_ecp5_mhz": {name: entry["mhz"] for name, entry in recorded("timing").items()},
         "arm": json.loads(arm.read_text(encoding="utf-8")) if arm.exists() else {},
+        "formal": json.loads(formal.read_text(encoding="utf-8")) if formal.exists() else {},
         "fmu": fmi,
         "faults": {kind: asdict(one) for kind, one in faults.items()},
     }, rows
