@@ -47,7 +47,7 @@ def of_vehicle(vehicle: Vehicle) -> dict[str, float]:
         "wheelbase": wheelbase, "friction": physics.road.friction, "lag": HANDLING_DEFAULTS.lag,
         "wheel_radius": float(rolling_radii(vehicle).mean()), "front_roll_share": stiffness[0] / sum(stiffness),
         "cog_height": chassis.cog_height, "yaw_inertia": chassis.yaw_inertia, "roll_stiffness": sum(stiffness),
-        "roll_damping": damping, "relaxation_length": HANDLING_DEFAULTS.relaxation_length,
+        "roll_damping": damping, "relaxation_length": _relaxation_length(front, rear),
     }  # fmt: skip
     for name, axle, load in (("front", front, loads[0]), ("rear", rear, loads[1])):
         for key, value in zip(TYRE, similar(axle, load / 2), strict=True):
@@ -80,6 +80,19 @@ def deviations(vehicle: Vehicle) -> dict[str, float]:
         if stated.get(height, 0.0) > 0:
             found[f"{axle}_roll_centre_height"] = stated[height]
     return found
+
+
+def _relaxation_length(*axles: Axle) -> float:
+    """Mean relaxation length of the similarity tyres that have one, else that of a car tyre [m]."""
+    lengths = [axle.tyre.relaxation_length for axle in axles if isinstance(axle.tyre, Similarity)]
+    return float(np.mean(lengths)) if any(lengths) else HANDLING_DEFAULTS.relaxation_length
+
+
+def _build_up(values: Mapping[str, float]) -> dict[str, float]:
+    """How forces of a similarity tyre build up: over the length of a model that has one, else in the paper's time."""
+    if "relaxation_length" in values:
+        return {"relaxation_length": values["relaxation_length"]}
+    return {"relaxation_time": values.get("lag", HANDLING_DEFAULTS.lag)}
 
 
 def _roll(axle: Axle, at_wheel: float) -> float:
@@ -132,7 +145,7 @@ def changes(vehicle: Vehicle, values: Mapping[str, float], determined: Iterable[
         if f"{name}_stiffness" in determined:
             tyre = {key: values[f"{name}_{key}"] for key in TYRE}
             tyre["shape"] = min(max(tyre["shape"], 1.0), 2.5)
-            axle["tyre"] = {"model": "similarity", "relaxation_time": values.get("lag", HANDLING_DEFAULTS.lag), **tyre}
+            axle["tyre"] = {"model": "similarity", **_build_up(values), **tyre}
             axle |= {"grip_scale": 1.0, "cornering_scale": 1.0, "longitudinal_scale": 1.0}
     replaced = {
         f"physics.{name}.{scale}"
@@ -140,8 +153,10 @@ def changes(vehicle: Vehicle, values: Mapping[str, float], determined: Iterable[
         for scale in ("grip_scale", "cornering_scale", "longitudinal_scale")
     }  # fmt: skip
     data["uncertainty"] = {path: known for path, known in data["uncertainty"].items() if path not in replaced}
-    if "steering_gain" in determined:
-        for sensor in data["sensors"].values():
-            if sensor["kind"] == "steering":
+    for sensor in data["sensors"].values():
+        if sensor["kind"] == "steering":
+            if "steering_gain" in determined:
                 sensor["gain"] *= values["steering_gain"]
+            if "steering_delay" in determined:
+                sensor["latency"] += values["steering_delay"]
     return Vehicle.model_validate(data)

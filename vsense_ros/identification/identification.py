@@ -150,7 +150,7 @@ def identify(
         tuple(r.name for r in held_out),
     )  # fmt: skip
     try:
-        changed = handling_values.changes(vehicle, made.values, {*made.determined, *STEERING[:1]})
+        changed = handling_values.changes(vehicle, made.values, {*made.determined, "steering_gain", "steering_delay"})
     except ValueError as error:
         raise InputError(f"the parameters that were found make no car: {error}") from None
     others = recorded.drives([recorded.signals(r, vehicle) for r in held_out], model)

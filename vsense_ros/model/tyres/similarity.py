@@ -26,6 +26,7 @@ class Similarity(Tyre):
     peak: float = parameter("-", "D: largest force over friction times load", gt=0, le=3)
     curvature: float = parameter("-", "E: where the maximum lies", gt=-20, lt=1)
     relaxation_time: float = parameter("s", "τ: lag of the forces, whatever the speed", ge=0, le=1, default=0.0)
+    relaxation_length: float = parameter("m", "distance over which forces build up, besides", ge=0, le=5, default=0.0)
     standstill_speed: float = parameter(
         "m/s", "added to the velocity so that slip stays finite at standstill", gt=0, le=2, default=0.3
     )
@@ -53,6 +54,7 @@ class Similarity(Tyre):
         return TyreForces(share * k_x, share * k_y, ca.SX(0), slip_x, slip_y)
 
     def relaxation_lengths(self, wheel: TyreInput) -> RelaxationLengths:
-        """Distance over which the forces build up [m]: that rolled in the paper's constant time."""
-        length = self.relaxation_time * transport_speed(wheel.rolling_speed, self.standstill_speed)
+        """Distance over which the forces build up [m]: that rolled in the paper's constant time, and a constant one."""
+        rolled = self.relaxation_time * transport_speed(wheel.rolling_speed, self.standstill_speed)
+        length = rolled + self.relaxation_length
         return RelaxationLengths(length, length)
