@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from synthetic_findings import effect, finding
-from vsense_ros.mismatch.answer_sentence import conditions
+from vsense_ros.mismatch.answer_sentence import conditions, sentence
 from vsense_ros.mismatch.beforehand import delays
 from vsense_ros.mismatch.tables import effect_rows
 
@@ -27,3 +27,11 @@ def test_a_delay_that_lags_determine_is_not_excluded_where_nothing_explains_the_
     delay, radius = effect_rows(finding("unknown", effects=(late, rest)))
     assert delay.standing == "determined before any fit, by sensors of one motion"
     assert "excluded" not in radius.standing
+
+
+def test_where_held_out_recordings_have_no_trace_of_an_effect_that_is_said_in_place_of_zero_percent():
+    antenna = effect("gnss_lever_arm", 0.29, accepted=True, gain_left_out=0.27, gain_held_out=0.002)
+    said = sentence(finding("named", effects=(antenna,)))
+    assert "falls by 29 %, and by 27 % where it was left out of the fit" in said
+    assert "; recordings it was not fitted to have no trace of it" in said
+    assert "by 0 %" not in said

@@ -97,8 +97,9 @@ def _falls(found: EffectEntry | Force, answer: Answer) -> str:
     trained, proven, on = found.gain_training, found.gain_held_out, "on recordings it was not fitted to"
     if answer.by_pieces:
         on = "on another road, where neighbouring pieces predict each other"
-    if proven is None:
-        proven, on = found.gain_left_out, "where it was left out of the fit"
+    if proven is None or not round(100 * proven):
+        untouched = "" if proven is None else "; recordings it was not fitted to have no trace of it"
+        proven, on = found.gain_left_out, f"where it was left out of the fit{untouched}"
     ways = ["grows" if gain < 0 else "falls" for gain in (trained, proven)]
     again = "" if ways[0] == ways[1] else f"{ways[1]} "
     return f"the squared error {ways[0]} by {100 * abs(trained):.0f} %, and {again}by {100 * abs(proven):.0f} % {on}"
