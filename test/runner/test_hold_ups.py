@@ -73,9 +73,8 @@ def undisturbed(lane_change: Recording, vehicle: Vehicle) -> Outcome:
 
 
 FAST = [(ALL, 0.3, True), (CAN, 1.0, False), (CAN, 1.0, True)]
-# Nothing is known of the car for half a second to three in the middle of a lane change: what is estimated afterwards is
-# not as uncertain as it is wrong (90 % of the yaw angles within two standard deviations, 49 to 91 % where stamps are
-# those of arrival).
+# Nothing is known of the car for one second to three in the middle of a lane change: what is estimated afterwards is
+# not as uncertain as it is wrong.
 BLIND = [(ALL, 1.0, False), (ALL, 1.0, True), (ALL, 3.0, True)]
 CASES = [
     *FAST,

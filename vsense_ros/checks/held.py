@@ -30,7 +30,8 @@ def first_of_each(values: NDArray[np.float64], every: int) -> NDArray[np.bool_]:
     Where the source rests, the same value comes again after as many rows.
     """
     rows = np.arange(len(values))
-    changed = np.concatenate([[True], (np.diff(np.nan_to_num(values), axis=0) != 0).any(axis=1)])
+    known = np.nan_to_num(values)
+    changed = np.concatenate([[True], (known[1:] != known[:-1]).any(axis=1)])
     since = rows - np.maximum.accumulate(np.where(changed, rows, 0))
     fresh: NDArray[np.bool_] = changed | (since % every == 0)
     return fresh
@@ -44,7 +45,7 @@ def period_of_updates(values: NDArray[np.float64]) -> int | None:
     """
     if len(values) < 4 * SETTINGS.least_runs:
         return None
-    changed = (np.diff(np.nan_to_num(values, nan=np.inf), axis=0) != 0).any(axis=1)
+    changed = (values[1:] != values[:-1]).any(axis=1)  # an absent value is none that is held
     at = np.flatnonzero(changed)
     if len(at) < SETTINGS.least_runs or len(at) > SETTINGS.most_changes * len(values):
         return None
