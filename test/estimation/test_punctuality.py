@@ -53,12 +53,26 @@ def test_jitter_and_loss_that_are_usual_are_no_hold_up(period: float, jitter: fl
 
 
 @pytest.mark.parametrize("period", PERIODS)
-def test_after_a_silence_a_few_readings_are_waited_for(period: float) -> None:
+def test_after_a_silence_a_few_readings_are_in_doubt_without_a_burst(period: float) -> None:
     sent = np.concatenate((np.arange(0.0, 10.0, period), np.arange(13.0, 20.0, period)))
-    refused = sent[lateness(sent) > 0]
-    assert len(refused)
-    assert refused.min() >= 13.0
-    assert refused.max() < 13.0 + max(SETTINGS.enough, SETTINGS.fewest * period) + 1.5 * period
+    judge, doubtful = Punctuality(), []
+    for time in sent:
+        if judge.lateness(START + round(time * SECOND)) > 0:
+            doubtful.append(time)
+        assert not judge.is_burst
+    assert doubtful
+    assert min(doubtful) >= 13.0
+    assert max(doubtful) < 13.0 + max(SETTINGS.enough, SETTINGS.fewest * period) + 0.5 * period
+
+
+@given(longest=st.floats(0.02, 1.0), seed=st.integers(0, 2**16))
+def test_stamps_in_another_order_than_that_of_arrival_are_none_of_arrival(longest: float, seed: int) -> None:
+    sent = np.arange(0.0, 10.0, 0.01)
+    arrival = sent + np.random.default_rng(seed).uniform(0.0, longest, len(sent)) * (sent > 2.0)
+    judge = Punctuality()
+    for time in sent[np.argsort(arrival, kind="stable")]:
+        judge.lateness(START + round(time * SECOND))
+        assert not judge.is_burst
 
 
 @given(factor=st.sampled_from([0.3, 0.5, 2.0, 3.0]), seed=st.integers(0, 2**16))

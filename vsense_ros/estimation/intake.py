@@ -58,8 +58,12 @@ class Intake(Generic[Sensor]):
         self._held: list[tuple[Event, int]] = []  # readings before the start, with the stamps of their messages
         self._noise = {i: SensorNoise() for i, sensor in enumerate(self.sensors) if sensor.noisy}
         self._punctuality = [Punctuality() for _ in self.sensors]
+        self._doubtful: dict[int, list[tuple[int, int, Event]]] = {}  # that may be late, with stamps and arrivals
+        self._released: dict[int, list[tuple[int, int, Event]]] = {}  # that turned out to be in time
         self._jumps: dict[int, int] = {}  # where sensors went whose clocks left the others'
-        self._silence = 0  # before the newest message [ns]
+        self._arrived = 0  # arrival of the message whose reading is judged [ns]
+        self._silence = 0  # before it [ns]
+        self._used = 0  # arrival of the newest message whose reading belonged to the stretch of time [ns]
 
     def read(self, index: int, sample: Sample) -> Event | None:
         """The measurement in a message of a sensor, if it can be true and is new."""
@@ -82,21 +86,48 @@ class Intake(Generic[Sensor]):
             self.refuse(index, "value frozen")
         elif late:
             self._jumps[index] = event.stamp  # where time is, is known all the same
-            self.refuse(index, f"stamps up to {late:.2g} s late: those of arrival after a hold-up, not of measurement")
+            self._doubt(index, stamp, event, late)
         else:
-            if isfinite(event.value.dot(event.value)):
-                health.complete_at = event.stamp
-            else:
-                health.lacks(event.value.tolist(), event.stamp)
-            if health.noise is None:
-                health.noise = self._readers[index].noise(event.variance)
-            kept = event if health.period * 1e9 >= self._merge else self._averaged(index, event)
-            noise = self._noise.get(index)
-            if noise is not None and kept is not None:
-                noise.hear(kept)
-                health.noisier = noise.noisier
-            return kept
+            for its_stamp, arrived, held in self._doubtful.pop(index, ()):
+                if (kept := self._accepted(index, held)) is not None:
+                    self._released.setdefault(index, []).append((its_stamp, arrived, kept))
+            return self._accepted(index, event)
         return None
+
+    def _doubt(self, index: int, stamp: int, event: Event, late: float) -> None:
+        """Hold a reading that may be late by a time [s], until the next ones show whether it is."""
+        doubtful = self._doubtful.setdefault(index, [])
+        doubtful.append((stamp, self._arrived, event))
+        if self._punctuality[index].is_burst:
+            for _ in doubtful:
+                self.refuse(
+                    index, f"stamps up to {late:.2g} s late: those of arrival after a hold-up, not of measurement"
+                )
+            del self._doubtful[index]
+
+    def released(self, index: int) -> Iterator[tuple[int, Event]]:
+        """Readings of a sensor that were held and turned out to be in time, with the stamps of their messages [ns]."""
+        newest = self._arrived, self._silence
+        for stamp, arrived, event in self._released.pop(index, ()):
+            self._arrived, self._silence = arrived, arrived - self._used
+            yield stamp, event
+        self._arrived, self._silence = newest
+
+    def _accepted(self, index: int, event: Event) -> Event | None:
+        """The measurement that counts for a reading that can be true, if it is not the part of a mean."""
+        health = self.health[index]
+        if isfinite(event.value.dot(event.value)):
+            health.complete_at = event.stamp
+        else:
+            health.lacks(event.value.tolist(), event.stamp)
+        if health.noise is None:
+            health.noise = self._readers[index].noise(event.variance)
+        kept = event if health.period * 1e9 >= self._merge else self._averaged(index, event)
+        noise = self._noise.get(index)
+        if noise is not None and kept is not None:
+            noise.hear(kept)
+            health.noisier = noise.noisier
+        return kept
 
     def hold(self, event: Event, stamp: int) -> list[tuple[Event, int]]:
         """Hold a reading of a message with a stamp [ns] until the noise of the sensors is known that have begun to
@@ -135,7 +166,7 @@ class Intake(Generic[Sensor]):
         newest = self.newest_arrival
         if received is None:
             received = min(stamp, newest + _ARRIVAL_STEP) if newest else stamp
-        self._silence = received - newest
+        self._arrived, self._silence = received, received - newest
         self.newest_arrival = max(newest, received)
         return received
 
@@ -173,6 +204,7 @@ class Intake(Generic[Sensor]):
         if oldest <= stamp <= newest + self._reach:
             if self._jumps:
                 self._jumps.pop(index, None)
+            self._used = self._arrived
             return Timing.USED
         silent = abs(stamp - newest - self._silence) < self._reach
         agreed = silent or self._others_are_there(index, stamp)
@@ -181,6 +213,7 @@ class Intake(Generic[Sensor]):
             return Timing.RESTART
         if distance > 0:
             if agreed:
+                self._used = self._arrived
                 return Timing.USED
             self.refuse(index, f"stamp {distance:.3g} s ahead of all others")
             return Timing.REFUSED
@@ -194,6 +227,10 @@ class Intake(Generic[Sensor]):
         self._jumps[index] = stamp
         others = (i for i in range(len(self.sensors)) if i != index and self.sends(i))
         return all(i in self._jumps and abs(self._jumps[i] - stamp) < LONGEST_GAP * 1e9 for i in others)
+
+    def is_in_order(self, index: int) -> bool:
+        """True if messages of a sensor have lately come in the order of their stamps."""
+        return self._punctuality[index].is_in_order
 
     def sends(self, index: int) -> bool:
         """True if a sensor was believed, and is not silent."""
@@ -209,6 +246,9 @@ class Intake(Generic[Sensor]):
         """Time is where the newest message of a sensor is: stamps from before mean nothing."""
         self.newest_arrival = self.health[index].last_received
         self._punctuality = [Punctuality() for _ in self.sensors]
+        self._doubtful.clear()
+        self._released.clear()
+        self._used = self._arrived
         for health in self.health:
             health.last_stamp = 0
             health.stamps.clear()

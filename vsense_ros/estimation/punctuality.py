@@ -24,7 +24,7 @@ class PunctualitySettings:
     lateness: float = 0.05  # [s] by which a stamp may be late, and
     periods: float = 1.5  # [-] periods by which it may be
     forgiven: float = 0.05  # [-] share of the time by which lateness is forgotten, as readings get lost, too
-    fewest: int = 2  # [-] regular intervals in a row after which stamps are believed again, and
+    fewest: int = 1  # [-] regular intervals in a row after which stamps are believed again, and
     enough: float = 0.05  # [s] of them, but …
     after_burst: float = 0.3  # [s] … of them where readings have come in a burst within …
     remembered: float = 10.0  # [s] … this time
@@ -34,7 +34,11 @@ SETTINGS = PunctualitySettings()
 
 
 class Punctuality:
-    """Judges the stamps of one sensor, each by those before it."""
+    """Judges the stamps of one sensor, each by those before it.
+
+    A reading after a gap may be late, or the first after a silence: the next ones show which, by coming in a burst or
+    by the clock. Stamps in another order than that of arrival are none of arrival.
+    """
 
     def __init__(self) -> None:
         self.period = 0.0  # [s]; 0 while it is not known
@@ -44,19 +48,29 @@ class Punctuality:
         self._earliest = 0.0  # time at which the newest reading may have been made at the earliest [ns]
         self._in_a_row: int | None = None  # regular intervals since a stamp was too late; None if none was
         self._burst = 0  # stamp of the newest reading that followed another too closely, while in doubt [ns]
+        self._out_of_order = 0  # stamp of the newest reading that came after a later one [ns]
+        self.is_burst = False  # True: readings have followed each other too closely since one was too late
 
     def lateness(self, stamp: int) -> float:
         """By how much a new stamp [ns] may be later than the measurement [s], where that is too much; else 0."""
         interval = (stamp - self._last) * 1e-9
-        if interval <= 0 or not self._last:
-            if not self._last:
-                self._begin(stamp)
+        if not self._last:
+            self._last = stamp
+            self._believe(stamp)
+            return 0.0
+        if interval < 0:
+            self._out_of_order = self._last
+            self._believe(self._last)
+        if interval <= 0:
             return 0.0
         known, period = self._count >= SETTINGS.first, self.period
         self._last = stamp
+        if not self.is_in_order:
+            self._believe(stamp)
+            return 0.0
         if not known or period > SETTINGS.slowest or self._irregularity > SETTINGS.irregular:
             self._learn(interval)
-            self._earliest, self._in_a_row = float(stamp), None
+            self._believe(stamp)
             return 0.0
         ratio = interval / period
         late = self._late(stamp, interval)
@@ -64,17 +78,23 @@ class Punctuality:
             self._learn(interval)
         if late > max(SETTINGS.lateness, SETTINGS.periods * period):
             self._doubt(stamp, ratio)
-        elif self._in_a_row is not None:
-            self._in_a_row = None
+        else:
+            self._in_a_row, self.is_burst = None, False
         if self._in_a_row is None:
             return 0.0
         if self._in_a_row >= self._needed(stamp):
-            self._earliest, self._in_a_row = float(stamp), None
+            self._believe(stamp)
             return 0.0
         return late
 
-    def _begin(self, stamp: int) -> None:
-        self._last, self._earliest = stamp, float(stamp)
+    @property
+    def is_in_order(self) -> bool:
+        """True if the newest stamps have come in the order of time."""
+        return not self._is_recent(self._out_of_order, self._last)
+
+    def _believe(self, stamp: int) -> None:
+        """Take a stamp [ns] for the time of its measurement."""
+        self._earliest, self._in_a_row, self.is_burst = float(stamp), None, False
 
     def _late(self, stamp: int, interval: float) -> float:
         """By how much a stamp [ns] is later than one period after the earliest time of the reading before [s]."""
@@ -93,12 +113,17 @@ class Punctuality:
         else:
             self._in_a_row = 0
             if ratio < lowest:
-                self._burst = stamp
+                self._burst, self.is_burst = stamp, True
 
     def _needed(self, stamp: int) -> float:
         """Regular intervals in a row after which stamps are believed again."""
-        bursts = self._burst and (stamp - self._burst) * 1e-9 < SETTINGS.remembered
-        return max(SETTINGS.fewest, (SETTINGS.after_burst if bursts else SETTINGS.enough) / self.period)
+        needed = SETTINGS.after_burst if self._is_recent(self._burst, stamp) else SETTINGS.enough
+        return max(SETTINGS.fewest, needed / self.period)
+
+    @staticmethod
+    def _is_recent(seen: int, stamp: int) -> bool:
+        """True if something was seen at a stamp [ns] that is still remembered at another."""
+        return seen > 0 and (stamp - seen) * 1e-9 < SETTINGS.remembered
 
     def _learn(self, interval: float) -> None:
         """Let an interval [s] count in the period and in its irregularity."""

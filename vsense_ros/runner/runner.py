@@ -149,7 +149,9 @@ class Runner:
             self.take(index, sample.stamp, self.intake.read(index, sample))
 
     def take(self, index: int, stamp: int, event: Event | None) -> None:
-        """Use what the intake made of a message with a stamp [ns]."""
+        """Use what the intake made of a message with a stamp [ns], and what it had held before."""
+        for its_stamp, held in self.intake.released(index):
+            self.take(index, its_stamp, held)
         if event is None:
             self._look_for_frozen(index)
             return
@@ -213,10 +215,11 @@ class Runner:
         found = []
         for sample in samples:
             for index in self.listeners.get(sample.topic, ()):
-                event = self.intake.read(index, sample)
-                if event is not None:
-                    self.intake.believe(index, sample.stamp)
-                    found.append(self.adapter.timed(event))
+                newest = sample.stamp, self.intake.read(index, sample)
+                for stamp, event in (*self.intake.released(index), newest):
+                    if event is not None:
+                        self.intake.believe(index, stamp)
+                        found.append(self.adapter.timed(event))
         return sorted(found, key=lambda event: event.stamp)
 
     def _look_for_frozen(self, index: int) -> None:

@@ -43,6 +43,7 @@ class SteeringJudge(Judge):
         self._given = nan, 0  # the newest angle that was believed [rad], and its stamp [ns]
         self._last = 0  # stamp of the newest angle [ns]
         self._silent = False  # while no angle comes
+        self._in_order = True  # while angles come in the order of their stamps
 
     def forget(self, stamp: int) -> None:
         self._witnesses.forget()
@@ -121,9 +122,11 @@ class SteeringJudge(Judge):
 
     def _bridge_silence(self, timeline: Timeline, now: int) -> None:
         """Let the error of the held angle change while none comes, and be what it was once one does."""
-        adapter = self._adapter
-        period = adapter.intake.health[self.place].period
-        silent = now - self._last > max(STEERING.period, 1e9 * STEERING.periods * period)
+        adapter, intake = self._adapter, self._adapter.intake
+        health = intake.health[self.place]
+        in_order = intake.is_in_order(self.place)
+        unheard = now - self._last if in_order else intake.newest_arrival - health.last_received
+        silent = unheard > max(STEERING.period, 1e9 * STEERING.periods * health.period)
         if silent and not self._silent:
             timeline.catch_up()
             self._offset, self._widened = adapter.steering_offset(), self._last
@@ -133,6 +136,10 @@ class SteeringJudge(Judge):
         self._silent |= silent
 
     def before(self, timeline: Timeline, event: Event) -> None:
+        in_order = self._adapter.intake.is_in_order(self.place)
+        if self._in_order and not in_order:
+            self._undo_silence(timeline)
+        self._in_order = in_order
         if self._last and not self.out and event.stamp - timeline.stamp > STEERING.unheard:
             timeline.catch_up()
             if not self._silent:
@@ -152,6 +159,12 @@ class SteeringJudge(Judge):
         ahead[:] = [one for one in ahead if not self._is_widening(one, error)]
         back = Placing(error, self._offset, self._adapter.usual_deviation(error))
         timeline.add(Event(self._shift, stamp, np.array(back), np.zeros(4), counted=True))
+
+    def _undo_silence(self, timeline: Timeline) -> None:
+        """Forget a silence that was none, where messages turn out to come in another order than they were sent."""
+        ahead = timeline.rewind(timeline.stamp - VOTE.look_back)
+        ahead[:] = [one for one in ahead if one.sensor != self._shift]
+        self._silent = False
 
     def _is_widening(self, event: Event, error: int) -> bool:
         return event.sensor == self._shift and len(event.value) == len(Widening._fields) and event.value[0] == error
