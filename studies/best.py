@@ -118,7 +118,7 @@ def curve_errors(values: Array) -> Array:
 
 def curve_bands(of_drive: Information) -> Array:
     """Standard deviation along each force curve of `REACH`, of its peak (4, points): what a drive determines where the
-    shape and the curvature of a tyre cannot be told from each other."""
+    shape and the curvature of a tyre are not observable separately."""
 
     def curves(values: Array) -> Array:
         return best_4dof.curves(PAPER | dict(zip(FREE, values.tolist(), strict=True)))

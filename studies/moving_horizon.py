@@ -86,20 +86,20 @@ class MovingHorizon:
         function = codegen.compiled("moving_horizon", [made])[0]
         self._kernel = codegen.Kernel(function, [self._x, self._u, parameters, np.array([H]), self._z])
         self.states: list[Array] = []
-        self.driven: list[Array] = []
+        self.input_history: list[Array] = []
         self.measured: list[Array] = []
 
     def go_on(self, arrival: Gaussian, u: Array, z: Array) -> Array:
         """State (n,) now, from inputs and outputs of this sample, and what is known of the first state of the horizon
         before its outputs."""
         if self.states:
-            self.states.append(self._at(self.states[-1], self.driven[-1], z)[0])
+            self.states.append(self._at(self.states[-1], self.input_history[-1], z)[0])
         else:
             self.states.append(arrival.mean.copy())
-        self.driven.append(u.copy())
+        self.input_history.append(u.copy())
         self.measured.append(z.copy())
         if len(self.states) > self.horizon + 1:
-            del self.states[0], self.driven[0], self.measured[0]
+            del self.states[0], self.input_history[0], self.measured[0]
         for _ in range(self.iterations):
             self._iterate(arrival)
         return self.states[-1]
@@ -122,7 +122,7 @@ class MovingHorizon:
         weight = 1 / self.noise
         for k in range(count):
             here = slice(n * k, n * (k + 1))
-            moved, f, residual, h = self._at(self.states[k], self.driven[k], self.measured[k])
+            moved, f, residual, h = self._at(self.states[k], self.input_history[k], self.measured[k])
             matrix[here, here] += h.T @ h
             right[here] -= h.T @ residual
             if k == count - 1:
@@ -185,7 +185,7 @@ def by_filter(
     mean, deviations = start.copy(), np.array(START)
     mean[0] += off
     deviations[0] = max(deviations[0], abs(off))
-    filter.inputs[:] = next(iter(inputs))
+    filter.inputs[:] = inputs[0, :]
     filter.start(Gaussian(mean, np.diag(deviations**2)))
     beliefs, spent = [], 0.0
     variance = np.square(OUTPUT_NOISE)

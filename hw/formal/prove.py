@@ -59,7 +59,7 @@ def program(name: str) -> str:
 
 
 def holds(proof: Proof) -> bool:
-    """Whether the property holds for the clocks that are looked at. Raises `RuntimeError` where that is not decided."""
+    """True if a property holds within the clocks of its proof. Raises `RuntimeError` where that is not decided."""
     files = " ".join(str(HW / file) for file in proof.files)
     script = (
         f"read_verilog -sv -formal {files}; hierarchy -top {proof.top}; setattr -mod -unset keep_hierarchy *; "

@@ -75,11 +75,18 @@ def test_stamps_in_another_order_than_that_of_arrival_are_none_of_arrival(longes
         assert not judge.is_burst
 
 
-@given(factor=st.sampled_from([0.3, 0.5, 2.0, 3.0]), seed=st.integers(0, 2**16))
+@given(factor=st.sampled_from([0.02, 0.1, 0.3, 0.5, 2.0, 3.0, 10.0, 30.0]), seed=st.integers(0, 2**16))
 def test_a_sensor_that_sends_at_another_rate_from_now_on_is_believed(factor: float, seed: int) -> None:
     random = np.random.default_rng(seed)
     intervals = np.concatenate((np.full(400, 0.01), np.full(1000, 0.01 * factor))) * random.uniform(0.9, 1.1, 1400)
     assert not (lateness(np.cumsum(intervals))[-700:] > 0).any()
+
+
+@pytest.mark.parametrize("factor", [0.02, 0.1, 1.0, 10.0, 30.0])
+def test_a_sensor_that_comes_back_at_another_rate_is_believed_again(factor: float) -> None:
+    stamps = np.concatenate((np.arange(0.0, 5.0, 0.01), np.arange(7.0, 60.0, 0.01 * factor)))
+    doubted = stamps[lateness(stamps) > 0]
+    assert doubted.max() < 7.0 + SETTINGS.longest_burst + 0.01 * factor
 
 
 @given(seed=st.integers(0, 2**16))

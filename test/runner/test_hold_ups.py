@@ -102,8 +102,8 @@ def test_estimates_of_a_computer_that_was_held_up_are_as_uncertain_as_they_are_w
     for name in OUTPUTS:
         assert result.within[name] >= min(WITHIN, undisturbed.within[name] - 0.1), (name, result)
         assert result.nees[name] <= max(NEES, undisturbed.nees[name] + 0.1), (name, result)
-    told = [sentence for sentence in result.said if "those of arrival after a hold-up" in sentence]
-    assert bool(told) == stamped_late, result.said
+    reported = [sentence for sentence in result.said if "those of arrival after a hold-up" in sentence]
+    assert bool(reported) == stamped_late, result.said
 
 
 def test_an_observer_that_is_held_up_itself_loses_nothing(lane_change: Recording, vehicle: Vehicle) -> None:

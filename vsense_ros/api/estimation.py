@@ -54,9 +54,10 @@ class Smoothed:
     """A recording with the motion of its car on `smoothed/odometry`, `smoothed/sideslip` and so on, at the centre of
     gravity.
 
-    `deviations` has the median standard deviation of each of its signals [SI], `parameters` what was estimated of
-    sensors and car, by name, value and standard deviation; the last iteration still moved a state by `change` standard
-    deviations. `scores` compare the motion with the reference of the recording, which is not used otherwise.
+    `deviations` has the median standard deviation of each of its signals [SI], `parameters` those of sensors and car
+    that the recording determines, by name, value and standard deviation; the last iteration still moved a state by
+    `change` standard deviations. `scores` compare the motion with the reference of the recording, which is not used
+    otherwise.
     """
 
     recording: Recording

@@ -129,6 +129,7 @@ def smooth(bag: Path, vehicle: str, out: Path | None, mend: bool) -> None:
     from vsense_ros.bag import write_bag
     from vsense_ros.evaluate.signals import SIGNALS
     from vsense_ros.evaluate.terminal import console, plain_table, progress, say
+    from vsense_ros.navigation.offline import UNITS
 
     task = _prepared(bag, load_car(vehicle), mend)
     with progress(f"smoothing {task.recording.name}") as done:
@@ -143,9 +144,9 @@ def smooth(bag: Path, vehicle: str, out: Path | None, mend: bool) -> None:
             cells += [rmse, f"{100 * score.within_2s:.0f} %", f"{score.nees:.2f}"]
         table.add_row(signal.label, *cells)
     console().print(table)
-    table = plain_table("estimated of sensors and car", "[SI]", "standard deviation")
+    table = plain_table("parameter of sensors or car", "value", "±", "unit", right=("value", "±"))
     for name, (value, deviation) in found.parameters.items():
-        table.add_row(name, f"{value:.4g}", f"{deviation:.2g}")
+        table.add_row(name.replace("_", " "), f"{value:.4g}", f"{deviation:.2g}", UNITS[name])
     console().print(table)
     folder = out if out is not None else Path("out") / "smooth" / task.recording.name
     folder.parent.mkdir(parents=True, exist_ok=True)

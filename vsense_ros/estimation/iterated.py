@@ -21,7 +21,7 @@ import numpy as np
 from vsense_ros.estimation.dense import Dense
 from vsense_ros.estimation.filter import Array, Gaussian
 from vsense_ros.estimation.record import Instant, Record, Used
-from vsense_ros.estimation.smoother import right_divided, smoothed
+from vsense_ros.estimation.smoother import smoothed, smoothing
 
 
 @dataclass(frozen=True)
@@ -56,7 +56,7 @@ def iterated(
     beliefs, change, count = smoothed(record), np.inf, 0
     while count < settings.most and change > settings.change:
         before, beliefs = beliefs, _again(record, beliefs)
-        change = max(map(_change, [record.system] * len(beliefs), beliefs, before))
+        change = max(_change(record.system, new, old) for new, old in zip(beliefs, before, strict=True))
         count += 1
         progress(count / settings.most)
     return Iterated(beliefs, count, change)
@@ -99,9 +99,7 @@ def _moved(system: Dense, mean: Array, instant: Instant, h: float) -> tuple[Arra
     return system.moved(h)
 
 
-def _corrected(
-    system: Dense, belief: Gaussian, used: Used, error: Array, covariance: Array
-) -> tuple[Array, Array]:  # fmt: skip
+def _corrected(system: Dense, belief: Gaussian, used: Used, error: Array, covariance: Array) -> tuple[Array, Array]:
     """Errors (e,) and their covariance about the mean of a belief, given a measurement."""
     system.mean[:], system.inputs[:] = belief.mean, used.inputs
     residual, by_error = system.sense(used.sensor, used.value)
@@ -124,8 +122,7 @@ def _backwards(steps: Sequence[tuple[Array, Gaussian, Gaussian]]) -> list[Gaussi
     later = steps[-1][2]
     found = [later]
     for (_, _, after), (transition, before, _) in zip(reversed(steps[:-1]), reversed(steps[1:]), strict=True):
-        gain = right_divided(after.covariance @ transition.T, before.covariance)
-        covariance = after.covariance + gain @ (later.covariance - before.covariance) @ gain.T
-        later = Gaussian(after.mean + gain @ (later.mean - before.mean), 0.5 * (covariance + covariance.T))
+        gain, covariance = smoothing(after.covariance, transition, before.covariance, later.covariance)
+        later = Gaussian(after.mean + gain @ (later.mean - before.mean), covariance)
         found.append(later)
     return found[::-1]

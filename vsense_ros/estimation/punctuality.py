@@ -28,6 +28,8 @@ class PunctualitySettings:
     enough: float = 0.05  # [s] of them, but …
     after_burst: float = 0.3  # [s] … of them where readings have come in a burst within …
     remembered: float = 10.0  # [s] … this time
+    longest: float = 0.5  # [s] of doubt about a sensor whose readings do not come in a burst, and
+    longest_burst: float = 5.0  # [s] about one whose readings do: it sends at another rate from now on
 
 
 SETTINGS = PunctualitySettings()
@@ -47,6 +49,7 @@ class Punctuality:
         self._last = 0  # newest stamp [ns]
         self._earliest = 0.0  # time at which the newest reading may have been made at the earliest [ns]
         self._in_a_row: int | None = None  # regular intervals since a stamp was too late; None if none was
+        self._since = 0  # stamp with which doubt began [ns]
         self._burst = 0  # stamp of the newest reading that followed another too closely, while in doubt [ns]
         self._out_of_order = 0  # stamp of the newest reading that came after a later one [ns]
         self.is_burst = False  # True: readings have followed each other too closely since one was too late
@@ -82,6 +85,11 @@ class Punctuality:
             self._in_a_row, self.is_burst = None, False
         if self._in_a_row is None:
             return 0.0
+        doubted = (stamp - self._since) * 1e-9
+        if doubted > (SETTINGS.longest_burst if self.is_burst else SETTINGS.longest):
+            self._count = 0
+            self._believe(stamp)
+            return 0.0
         if self._in_a_row >= self._needed(stamp):
             self._believe(stamp)
             return 0.0
@@ -107,7 +115,7 @@ class Punctuality:
         """Count regular intervals, given the newest one in periods."""
         lowest, highest = SETTINGS.regular
         if self._in_a_row is None:
-            self._in_a_row = 0
+            self._in_a_row, self._since = 0, stamp
         elif lowest <= ratio <= highest:
             self._in_a_row += 1
         else:

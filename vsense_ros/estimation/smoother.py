@@ -33,10 +33,16 @@ def _backwards(instants: Sequence[Instant], system: Dense) -> list[Gaussian]:
 def _step(now: Instant, following: Instant, later: Gaussian, system: Dense) -> Gaussian:
     """The belief of an instant, from that of the one that follows."""
     p, before = now.after.covariance, following.before
-    gain = right_divided(p @ following.transition.T, before.covariance)
-    mean = system.retracted(now.after.mean, gain @ system.difference(later.mean, before.mean))
-    covariance = p + gain @ (later.covariance - before.covariance) @ gain.T
-    return Gaussian(mean, 0.5 * (covariance + covariance.T))
+    gain, covariance = smoothing(p, following.transition, before.covariance, later.covariance)
+    return Gaussian(system.retracted(now.after.mean, gain @ system.difference(later.mean, before.mean)), covariance)
+
+
+def smoothing(after: Array, transition: Array, before: Array, later: Array) -> tuple[Array, Array]:
+    """Gain C and covariance (e, e) of the smoother, as the module has them, from the covariances (e, e) after the
+    measurements of an instant, before those of the next one, and given all later ones."""
+    gain = right_divided(after @ transition.T, before)
+    covariance = after + gain @ (later - before) @ gain.T
+    return gain, 0.5 * (covariance + covariance.T)
 
 
 def right_divided(a: Array, p: Array) -> Array:

@@ -36,6 +36,13 @@ SPUN = 0.1  # [rad] of slip of the rear axle, beyond which a car spins: neither 
 HARD = 2.5  # [m/s²] along the car, beyond which wheels may lock or spin: they measure no speed then
 LEAST_FORCE = 0.1  # [m/s²] below which |r v_x| is rounded
 
+# Units of the states that are constants of sensors, road or car.
+UNITS: Mapping[str, str] = {
+    "gyro_bias": "rad/s", "gyro_scale": "-", "acceleration_bias_x": "m/s²", "acceleration_bias_y": "m/s²",
+    "rear_distance": "m", "rear_slip": "s²/m", "limit": "m/s²", "roll_gain": "-", "lever_x": "m", "lever_y": "m",
+    "delay": "s", "heading_offset": "rad", "rolling_radius": "m",
+}  # fmt: skip
+
 
 class Offline(NavigationSpace):
     """See the module."""

@@ -24,11 +24,13 @@ from vsense_ros.model.vehicle import Vehicle
 from vsense_ros.navigation.aided import Aided, usable
 from vsense_ros.navigation.car_numbers import car_numbers
 from vsense_ros.navigation.motion import Snapshot
-from vsense_ros.navigation.offline import OFFLINE
+from vsense_ros.navigation.offline import OFFLINE, UNITS
+from vsense_ros.navigation.offline import Offline as OfflineSpace
 from vsense_ros.runner.catalogue import every_filter
 from vsense_ros.runner.run import Run, as_recording, never_started, topics_in
 from vsense_ros.runner.runner import Runner
 
+_DETERMINED = 0.9  # share of its prior deviation, below which a recording determines a parameter
 _OUTPUT_PERIOD = 0.0099  # [s] at least, between two estimates
 
 
@@ -81,8 +83,9 @@ def run_smoothed(
 
 @dataclass(frozen=True)
 class Offline:
-    """The motion of a car by all of a recording, on the topics of an estimate; what was estimated of sensors and car,
-    by name, value and standard deviation; and by how many standard deviations the last iteration moved a state."""
+    """The motion of a car by all of a recording, on the topics of an estimate; the parameters of sensors and car that
+    it determines, by name, value and standard deviation [`navigation.offline.UNITS`]; and by how many standard
+    deviations the last iteration moved a state."""
 
     output: Recording
     parameters: dict[str, tuple[float, float]]
@@ -110,7 +113,12 @@ def run_offline(recording: Recording, vehicle: Vehicle, *, progress: Callable[[f
     smooth = [_as(s, b, s.stamp) for s, b in zip(snapshots, found.beliefs, strict=True)]
     done(1.0)
     output = as_recording(runner.adapter, _thinned(smooth), recording)
-    return Offline(output, runner.adapter.parameters(smooth[-1]), found.change)
+    parameters = {
+        name: (value, deviation)
+        for name, (value, deviation) in runner.adapter.parameters(smooth[-1]).items()
+        if name in UNITS and deviation < _DETERMINED * OfflineSpace.prior[name]
+    }
+    return Offline(output, parameters, found.change)
 
 
 def _thinned(snapshots: list[Snapshot]) -> list[Snapshot]:

@@ -2,7 +2,8 @@
 
 The steering angle drives the model; it has no innovation of its own, and cannot just be absent. One that is left out is
 held where it was before it was wrong, and its error, a state of the filter in any case, is estimated from all other
-sensors as a random walk that is as fast as drivers steer. The angle of a sensor that is silent is held likewise.
+sensors as a random walk that is as fast as drivers steer. Where a sensor is silent, its last angle is held in this way,
+too.
 """
 
 from __future__ import annotations
@@ -126,7 +127,7 @@ class SteeringJudge(Judge):
         health = intake.health[self.place]
         in_order = intake.is_in_order(self.place)
         unheard = now - self._last if in_order else intake.newest_arrival - health.last_received
-        silent = unheard > max(STEERING.period, 1e9 * STEERING.periods * health.period)
+        silent = unheard > max(STEERING.unheard, 1e9 * STEERING.periods * health.period)
         if silent and not self._silent:
             timeline.catch_up()
             self._offset, self._widened = adapter.steering_offset(), self._last

@@ -24,12 +24,12 @@ from vsense_ros.bag.importers.long_table import LongTable
 from vsense_ros.checks.examination import findings
 from vsense_ros.checks.finding import Finding, Kind, Turn
 from vsense_ros.checks.sentences import sentence
+from vsense_ros.driver.can_frames import UNIX
 from vsense_ros.errors import InputError
 from vsense_ros.messages import units
 from vsense_ros.messages.topics import TOPICS
 
 _NO_DATE = "no date in it: its times count from 1970 (key start of time)"
-UNIX = 1e8  # [s] from which on a time is one since 1970
 _BAGS = ("mcap", "rosbag1", "rosbag2")  # importers whose mapping is one of topics
 _MOST_TURNS = 3  # rounds of reversing signs, each of which may show another one
 _LEAST_FORCE, _IN_G = 0.3, (0.06, 0.2)  # [m/s²] of lateral acceleration that shows its unit, and its ratio in g
