@@ -14,7 +14,7 @@ from vsense_ros.errors import InputError
 # Each extra has a file of the same name in requirements/; here stand the modules that its packages provide.
 MODULES = {
     "reports": ("matplotlib", "plotly"),
-    "formats": ("asammdf", "h5py", "rosbags", "pyarrow", "pooch", "pysbf2", "pyrtcm"),
+    "formats": ("asammdf", "h5py", "rosbags", "pyarrow", "pooch", "pysbf2", "pyrtcm", "libxrk"),
     "fleet": ("distributed", "dask", "cryptography"),
     "foxglove": ("foxglove",),
     "fmu": ("fmpy",),

@@ -14,8 +14,8 @@ from ruamel.yaml import YAML
 from vsense_ros.bag.can_proposal import proposal
 from vsense_ros.bag.can_roles import recognize
 from vsense_ros.bag.can_survey import survey
+from vsense_ros.bag.importers import aim_xrk, mat, mdf4, racelogic_vbo, text_table
 from vsense_ros.bag.importers import mapping as mapping_file
-from vsense_ros.bag.importers import mat, mdf4, racelogic_vbo, text_table
 from vsense_ros.bag.importers.build import Array
 from vsense_ros.bag.importers.dialect import Dialect, dialect_of, rows_by_name, time_keys
 from vsense_ros.bag.importers.guess_names import Heading, heading, is_time, meanings
@@ -124,6 +124,9 @@ def _columns(path: Path) -> _Source:
     """The columns of a table or a measurement file, and how a mapping reads them."""
     if mdf4.matches(path):
         found, stated = mdf4.channels(path)
+        return _Source({}, found, _headings(found, stated))
+    if aim_xrk.matches(path):
+        found, stated = aim_xrk.channels(path)
         return _Source({}, found, _headings(found, stated))
     if mat.matches(path):
         found = mat.variables(path)
