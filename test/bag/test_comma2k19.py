@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shutil
 from pathlib import Path
 
 import can
@@ -156,6 +157,25 @@ def test_a_folder_with_a_missing_array_is_an_input_error_that_names_it(tmp_path:
     (tmp_path / "processed_log").mkdir()
     with pytest.raises(InputError, match="frame_times: missing"):
         import_recording(tmp_path)
+
+
+def test_a_car_without_wheel_speeds_on_a_route_without_poses_is_read_by_its_speed_and_the_utc_of_fixes(
+    rav4_path: Path, rav4: Recording, tmp_path: Path
+) -> None:
+    shutil.copytree(rav4_path / "processed_log", tmp_path / "processed_log")
+    shutil.rmtree(tmp_path / "processed_log" / "CAN" / "wheel_speed")
+    other = import_recording(tmp_path)
+    assert "vehicle/wheel_speeds" not in other
+    assert "reference/odometry" not in other
+    speed = other["vehicle/velocity"]
+    wheels = rav4["vehicle/wheel_speeds"]
+    of_wheels = wheels.columns["velocity"].mean(axis=1) * comma2k19.ROLLING_RADIUS
+    assert at(speed.stamp, wheels, of_wheels) == pytest.approx(speed.columns["linear"][:, 0], rel=0.03)
+    for topic in ("imu/data", "gps/fix", "vehicle/steering"):
+        assert np.abs(other[topic].stamp - rav4[topic].stamp).max() < 30e6
+    assert any("by the UTC of the fixes" in note for note in other.notes)
+    shutil.rmtree(tmp_path / "processed_log" / "GNSS")
+    assert any("count from 1970" in note for note in import_recording(tmp_path).notes)
 
 
 def test_an_unknown_option_is_an_input_error_that_lists_the_known_ones(rav4_path: Path) -> None:

@@ -9,6 +9,8 @@ What was found in the recordings and is taken care of here:
 - Wheel speeds are in m/s, in the order fl, fr, rl, rr; steering is in degrees, positive left.
 - `global_pose` orientations turn device axes into earth-centred axes and are in step with the gyro; its velocities
   are some 45 ms later than the wheel speeds and 70 ms later than the u-blox velocities.
+- Of a car whose CAN has no wheel speeds, or a route without `global_pose`, the rest is read: the speed that the car
+  states, and a clock by the UTC of the fixes.
 - Raw CAN frames are stored as text of at most 8 bytes, which loses trailing zeros. Sources from 128 on are frames
   that the recording device sent itself to bus (source - 128).
 """
@@ -34,6 +36,8 @@ DESCRIPTION = "segment folder of comma2k19 (processed_log, global_pose)"
 # Rolling circumference of a radial tyre is 3.05 times its diameter (ETRTO); 225/65 R17, the RAV4's size: 0.724 m.
 ROLLING_RADIUS = 3.05 * 0.724 / (2 * np.pi)  # [m]
 
+_FIXES = "GNSS/live_gnss_ublox"
+_DELAY_OF_FIXES = 0.2  # [s] between measurement and arrival, as in the data set (0.18 to 0.24 s)
 _FLIP = np.diag([1.0, -1.0, -1.0])  # forward, right, down ↔ forward, left, up
 
 
@@ -63,8 +67,8 @@ def read(path: Path, *, rolling_radius: float = ROLLING_RADIUS, calibrated_gyro:
         channels["imu/data"] = build.imu(clock.unix(time), rates @ _FLIP, force @ _FLIP)
 
     origin: tuple[float, float, float] | None = None
-    if _has(segment, "GNSS/live_gnss_ublox"):
-        time, gnss = _signal(segment, "GNSS/live_gnss_ublox", 6)
+    if _has(segment, _FIXES):
+        time, gnss = _signal(segment, _FIXES, 6)
         received = clock.unix(time)
         stamp, stamp_notes = _measured(gnss[:, 3], received)
         notes += stamp_notes
@@ -79,6 +83,11 @@ def read(path: Path, *, rolling_radius: float = ROLLING_RADIUS, calibrated_gyro:
         topic = "vehicle/wheel_speeds"
         channels[topic] = build.joints(topic, clock.unix(time), "velocity", wheels)
         notes.append(f"{topic}: the car gives m/s; divided by a rolling radius of {rolling_radius:.4f} m")
+    elif _has(segment, "CAN/speed"):
+        time, speed = _signal(segment, "CAN/speed", 1)
+        absent = np.full(len(time), np.nan)
+        velocity = np.column_stack([speed[:, 0], absent, absent])
+        channels["vehicle/velocity"] = build.body_velocity(clock.unix(time), velocity)
     if _has(segment, "CAN/steering_angle"):
         time, angle = _signal(segment, "CAN/steering_angle", 1)
         topic = "vehicle/steering"
@@ -86,6 +95,8 @@ def read(path: Path, *, rolling_radius: float = ROLLING_RADIUS, calibrated_gyro:
         channels[topic] = build.joints(topic, clock.unix(time), "position", steering)
 
     metadata: dict[str, str] = {"source": NAME, "wheel_rolling_radius_m": repr(float(rolling_radius))}
+    if not channels:
+        raise InputError(f"{segment / 'processed_log'}: none of IMU, GNSS and CAN in it that is read")
     if (segment / "global_pose" / "frame_positions").exists():
         reference, mounting, used_origin = _reference(segment, clock, origin)
         channels["reference/odometry"] = reference
@@ -144,6 +155,9 @@ class _Clock:
     """Phone time to Unix time."""
 
     def __init__(self, segment: Path) -> None:
+        if not (segment / "global_pose").exists() and any((segment / "processed_log").iterdir()):
+            self._by_fixes(segment)
+            return
         phone = _load(segment, "global_pose/frame_times").astype(np.float64)
         gps = _load(segment, "global_pose/frame_gps_times").astype(np.float64)
         if len(phone) == 0 or gps.shape != (len(phone), 2):
@@ -160,6 +174,21 @@ class _Clock:
         self._base = base * 1_000_000_000 + round(float(np.median(differences)) * 1e9)
         spread = float(np.ptp(differences))
         self.notes = [f"clock: phone time and GPS time drift apart by {spread:.4f} s"] if spread > 1e-3 else []
+
+    def _by_fixes(self, segment: Path) -> None:
+        """The clock by the UTC of the fixes, which arrive some time after their measurement."""
+        if not _has(segment, _FIXES):
+            self._phone, self._base = 0.0, 0
+            self.notes = ["clock: neither global_pose nor fixes say the date; times count from 1970"]
+            return
+        phone, gnss = _signal(segment, _FIXES, 6)
+        self._phone = float(np.floor(phone[0]))
+        utc = np.rint(gnss[:, 3]).astype(np.int64) * 1_000_000
+        ahead = np.median(utc - utc[0] - (phone - self._phone) * 1e9)
+        self._base = int(utc[0]) + round(float(ahead) + _DELAY_OF_FIXES * 1e9)
+        self.notes = [
+            f"clock: no global_pose; by the UTC of the fixes, which are taken to arrive {_DELAY_OF_FIXES} s after it"
+        ]
 
     def unix(self, phone: Array) -> Stamps:
         """Unix time [ns] of phone times [s]."""
