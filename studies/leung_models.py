@@ -132,7 +132,7 @@ def open_loop(name: str, drive: Trajectory) -> dict[str, Array]:
     # Inputs of a kept instant are those of the millisecond that begins there: their mean is that of both ends.
     held = (driven_by[:-1] + driven_by[1:]) / 2
     states = response.drive(start, held, STEP)
-    outputs = response.told(states, driven_by)
+    outputs = response.output_values(states, driven_by)
     by_output = {output: outputs[:, i] for i, output in enumerate(model.outputs)}
     speed = states[:, 0] if "forward_velocity" in model.states else driven_by[:, model.inputs.index("speed")]
     return {"forward": speed, "lateral": by_output["lateral_velocity"], "yaw_rate": by_output["yaw_rate"]}

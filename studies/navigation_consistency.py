@@ -32,7 +32,7 @@ from vsense_ros.evaluate.terminal import plain_table
 from vsense_ros.files.atomic import atomic_write
 from vsense_ros.files.installed import vehicle_path
 from vsense_ros.files.vehicle import load_vehicle
-from vsense_ros.messages.estimates import UNTOLD
+from vsense_ros.messages.estimates import UNESTIMATED_VARIANCE
 from vsense_ros.messages.recording import Recording
 from vsense_ros.model.vehicle import Vehicle
 from vsense_ros.navigation.catalogue import RECOMMENDED
@@ -231,8 +231,8 @@ def _scores(output: Recording, recording: Recording, reference: Mapping[str, flo
         if key not in true or key not in reference or series.deviation is None:
             continue
         aligned = align(series, true[key])
-        stated = np.interp(aligned.stamp, series.stamp, np.minimum(series.deviation, UNTOLD))
-        stated[stated >= 0.5 * UNTOLD**0.5] = np.inf
+        stated = np.interp(aligned.stamp, series.stamp, np.minimum(series.deviation, UNESTIMATED_VARIANCE))
+        stated[stated >= 0.5 * UNESTIMATED_VARIANCE**0.5] = np.inf
         own = np.full(len(stated), reference[key])
         if reference is OXTS and key in ("yaw", "side_slip", "lateral_velocity"):
             heading = HEADING_AT_START * np.exp(-(aligned.stamp - recording.start) * 1e-9 / HEADING_TIME)

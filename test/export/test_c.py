@@ -440,7 +440,7 @@ def test_a_filter_that_is_not_written_as_c_is_refused(vehicle: Vehicle, tmp_path
 
 def test_a_vehicle_that_no_observer_could_follow_is_refused(vehicle: Vehicle, tmp_path: Path) -> None:
     blind = vehicle.model_copy(update={"sensors": {"imu": vehicle.sensors["imu"]}})
-    with pytest.raises(InputError, match="no sensor tells the car's speed"):
+    with pytest.raises(InputError, match="no sensor measures the car's speed"):
         c.write(blind, tmp_path)
 
 

@@ -139,7 +139,7 @@ def test_what_an_observer_leaves_out_is_named_with_the_reason(bare: Vehicle) -> 
         return left_out_of_observer(having(bare, **effects))
 
     assert said(aero_drag=AeroDrag(area=0.3), road_bank=RoadBank(bank=0.02)) == ""
-    bank = "road_bank its profile along the road, as no sensor tells where the car is; the slope is estimated"
+    bank = "road_bank its profile along the road, as no sensor measures where the car is; the slope is estimated"
     assert bank in said(road_bank=RoadBank(profile=(PLACE,)))
     assert left_out_of_observer(having(placed, road_bank=RoadBank(profile=(PLACE,)))) == ""
     assert "road_grade its plane" in said(road_grade=RoadGrade(grade=0.02, follows=0.0))
@@ -147,7 +147,7 @@ def test_what_an_observer_leaves_out_is_named_with_the_reason(bare: Vehicle) -> 
     assert "road_grade its profile along the road; the slope" in left_out_of_observer(tilted)
     assert "friction_change its profile along the road" in said(friction_change=FrictionChange(profile=(PLACE,)))
     assert "slope" not in said(friction_change=FrictionChange(relative=0.1, profile=(PLACE,)))
-    assert "yaw_moment_driving, as no sensor tells the wheel torques" in said(
+    assert "yaw_moment_driving, as no sensor measures the wheel torques" in said(
         unmodelled=Unmodelled(yaw_moment_driving=9.0, yaw_moment_lateral=9.0)
     )
     assert said(crosswind=Crosswind(north=5.0)) == ""
@@ -258,7 +258,7 @@ def test_the_exported_observer_is_the_one_in_python_with_all_effects_of_the_file
 ) -> None:
     said = vsense("export", "c", files["extended"], "--output", tmp_path).output
     assert "profile" not in said
-    assert "yaw_moment_driving, as no sensor tells the wheel torques" in said
+    assert "yaw_moment_driving, as no sensor measures the wheel torques" in said
     library = check.build(tmp_path, ("-O1", *check.FLAGS[1:], "-Werror"))
     difference = check.compare(extended, library, read_bag(swerve))
     assert difference.largest < 1e-10

@@ -121,7 +121,7 @@ def test_a_small_sine_of_the_steering_comes_out_as_the_frequency_response_says(m
         if name.startswith("steering"):
             inputs[:, i] = sine
     states = found.drive(x, inputs, step)[:-1]
-    lateral = found.told(states, inputs)[:, model.outputs.index("lateral_velocity")]
+    lateral = found.output_values(states, inputs)[:, model.outputs.index("lateral_velocity")]
     late = t > 4
     basis = np.exp(1j * frequency * t[late])
     amplitude = np.linalg.lstsq(np.column_stack([basis.real, basis.imag]), lateral[late], rcond=None)[0]
@@ -253,7 +253,7 @@ def test_sensitivities_along_a_drive_are_finite_differences(model: HandlingModel
         for sign in (-1, 1):
             other = response(model)
             other.parameters[k] *= 1 + sign * 1e-5
-            told.append(other.told(other.drive(x, inputs, 0.01)[:-1], inputs))
+            told.append(other.output_values(other.drive(x, inputs, 0.01)[:-1], inputs))
         expected = (told[1] - told[0]) / (2e-5 * found.parameters[k])
         assert slopes[:, :, k] == pytest.approx(expected, rel=1e-3, abs=1e-5 * np.abs(expected).max() + 1e-15)
 
@@ -285,7 +285,7 @@ def test_a_filter_takes_a_handling_model_and_its_outputs_as_they_are() -> None:
     inputs = np.column_stack([0.03 * np.sin(2 * t), np.full(len(t), 20.0)])
     found = response(model)
     states = found.drive(np.array([0.05, 0.2]), inputs, 0.01)
-    told = found.told(states[:-1], inputs)
+    told = found.output_values(states[:-1], inputs)
     noise = np.random.default_rng(0).standard_normal((len(t), 2)) * (0.002, 0.1)
     for i in range(len(t)):
         filter_.inputs[:] = inputs[i]

@@ -64,7 +64,7 @@ NEXT_TEST = NextTest(
 SENTENCES = {
     "named": "The model leaves out a roll of the inertial sensor in its mounting (0.7°); with it the squared "
     "error falls by 68 %, and by 54 % on recordings it was not fitted to.",
-    "ambiguous": "These recordings cannot tell which it is: a roll of the inertial sensor in its mounting, or "
+    "ambiguous": "These recordings cannot determine which it is: a roll of the inertial sensor in its mounting, or "
     "a bias of its lateral acceleration.",
     "unknown": "Something is left over that no effect of the library explains: a yaw moment that grows with "
     "the lateral acceleration.",

@@ -11,7 +11,7 @@ from vsense_ros.bag import read_bag
 from vsense_ros.evaluate.consistency import errors_of
 from vsense_ros.evaluate.signals import read_signals
 from vsense_ros.files.vehicle import load_vehicle
-from vsense_ros.messages.estimates import UNTOLD
+from vsense_ros.messages.estimates import UNESTIMATED_VARIANCE
 from vsense_ros.runner.run import run
 
 ROOT = Path(__file__).parents[2]
@@ -28,7 +28,7 @@ def test_errors_of_accelerations_are_as_large_as_told(name: str, told: int) -> N
         assert 0.1 < error.nees < 2.5, key
         assert error.inside > 0.8, key
     angular = output["vsense/acceleration"].columns["covariance"][:, [21, 28, 35]]
-    assert (angular == UNTOLD).all()
+    assert (angular == UNESTIMATED_VARIANCE).all()
 
 
 @pytest.mark.parametrize("name", ["inertial", "integrated"])

@@ -22,7 +22,7 @@ NOISE = np.full(6, 0.003**2)
 
 
 def of(kind: str) -> SensorBase:
-    return next(one for one in SENSORS.values() if kind in one.tells)
+    return next(one for one in SENSORS.values() if kind in one.measures)
 
 
 def reckoning() -> Reckoning:

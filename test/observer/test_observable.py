@@ -11,7 +11,7 @@ from vsense_ros.bag.importers import import_recording
 from vsense_ros.evaluate.signals import read_signals
 from vsense_ros.files.installed import vehicle_path
 from vsense_ros.files.vehicle import load_vehicle
-from vsense_ros.messages.estimates import UNTOLD
+from vsense_ros.messages.estimates import UNESTIMATED_VARIANCE
 from vsense_ros.messages.recording import Recording
 from vsense_ros.model.schema.drivetrain import Drivetrain
 from vsense_ros.model.vehicle import Vehicle
@@ -68,7 +68,7 @@ def test_without_a_measured_height_that_of_the_road_is_absent(car: Vehicle, driv
     odometry = output["vsense/odometry"]
     assert np.isnan(odometry.columns["position"][:, 2]).all()
     assert np.isfinite(odometry.columns["position"][:, :2]).all()
-    assert (odometry.columns["pose_covariance"][:, 14] == UNTOLD).all()
+    assert (odometry.columns["pose_covariance"][:, 14] == UNESTIMATED_VARIANCE).all()
     assert "position" in read_signals(output, "vsense")
     assert "gnss_height" in words
 

@@ -458,7 +458,7 @@ def test_positions_alone_start_nothing_and_it_says_what_would(vehicle: Vehicle, 
     feed(observer, [s for s in stream if s.topic == FIX and seconds(lane_change, s) < 8])
     assert not observer.started
     said = observer.diagnostics()[0].message
-    assert "nothing tells the speed" in said
+    assert "nothing measures the speed" in said
     assert "wheel_speeds" in said
     course = follow(observer, [s for s in stream if seconds(lane_change, s) > 8], lane_change)
     assert max(course.largest(10.0)[:2]) < 0.3

@@ -93,5 +93,5 @@ def test_recordings_without_a_common_motion_are_not_joined() -> None:
     rng = np.random.default_rng(0)
     wheels = drive["vehicle/wheel_speeds"]
     noise = replace(wheels, columns={**wheels.columns, "velocity": 50 + rng.normal(size=(len(wheels), 4))})
-    with pytest.raises(InputError, match="nothing in it tells the same motion as imu"):
+    with pytest.raises(InputError, match="nothing in it measures the same motion as imu"):
         joined([first, replace(drive, channels={"vehicle/wheel_speeds": noise}, name="wheels")])

@@ -141,7 +141,7 @@ def test_what_the_sensors_cannot_tell_is_said_in_the_diagnostics(car: Vehicle) -
 def test_a_filter_without_its_sensor_is_refused_with_its_name(car: Vehicle) -> None:
     poor = car.model_copy(update={"sensors": {k: s for k, s in car.sensors.items() if k != "wheel_speeds"}})
     with pytest.raises(
-        InputError, match="'triple_kkf' needs the input spin_rear_left, of a sensor that tells 'rolling"
+        InputError, match="'triple_kkf' needs the input spin_rear_left, of a sensor that measures 'rolling"
     ):
         Runner(poor, make=every_filter()["triple_kkf"].make)
 

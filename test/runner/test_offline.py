@@ -61,7 +61,7 @@ def test_topics_that_are_not_in_a_recording_cannot_be_compared_with() -> None:
 def test_a_recording_without_gnss_is_refused_with_what_is_missing() -> None:
     recording = vs.read(BAGS / "step_steer")
     channels = {t: c for t, c in recording.channels.items() if not t.startswith("gps/")}
-    with pytest.raises(vs.InputError, match=r"never started.*waiting for a sensor that tells course"):
+    with pytest.raises(vs.InputError, match=r"never started.*waiting for a sensor that measures course"):
         vs.smooth(replace(recording, channels=channels), CAR)
 
 

@@ -30,7 +30,7 @@ class SmallAdapter:
 
 
 def resets(moves: bool = True, sends: tuple[bool, ...] = (True,) * 4) -> tuple[Resets, SimpleNamespace]:
-    sensors = [SimpleNamespace(tells=frozenset(one), is_input=False) for one in MEASURED]
+    sensors = [SimpleNamespace(measures=frozenset(one), is_input=False) for one in MEASURED]
     health = [SimpleNamespace(refused_in_a_row=2) for _ in MEASURED]
     intake = SimpleNamespace(sensors=sensors, health=health, sends=lambda i: sends[i])
     return Resets(SmallAdapter(moves), intake), intake  # type: ignore[arg-type]
@@ -55,7 +55,7 @@ def test_the_filter_is_moved_by_the_median_of_what_was_refused_once(east, north)
     assert not made.waiting
     assert list(made.asked()) == []
     far = float(np.hypot(east, north))
-    assert made.told == [(7, f"position moved by {far:.1f} m to where gps/fix says it is")]
+    assert made.reported == [(7, f"position moved by {far:.1f} m to where gps/fix says it is")]
     assert intake.health[POSITION].refused_in_a_row == 0
 
 
@@ -63,7 +63,7 @@ def test_a_velocity_is_said_to_be_one():
     made, _ = resets()
     made.refused(refused(VELOCITY, 3.0, 4.0), None)
     made.ask(refused(VELOCITY), 7, "gps/velocity")
-    assert made.told == [(7, "velocity moved by 5.0 m/s to where gps/velocity says it is")]
+    assert made.reported == [(7, "velocity moved by 5.0 m/s to where gps/velocity says it is")]
 
 
 @pytest.mark.parametrize(("scatter", "followed"), [(10.0, True), (25.0, False)])
@@ -73,7 +73,7 @@ def test_what_scatters_by_more_than_a_fifth_is_not_followed(scatter, followed):
         made.refused(refused(POSITION, 100.0, scatter * sign), None)
     assert made.ask(refused(POSITION), 7, "gps/fix")
     assert made.waiting == followed
-    assert bool(made.told) == followed
+    assert bool(made.reported) == followed
 
 
 def test_scatter_that_is_expected_does_not_matter():

@@ -55,7 +55,7 @@ def out(runner: Runner) -> list[str]:
 def test_on_a_drive_in_which_all_is_right_no_axis_is_left_out(car, drive):
     runner = fed(drive, car)
     assert out(runner) == []
-    assert runner.resets.told == []
+    assert runner.resets.reported == []
     assert (runner.faults, runner.restarts) == (0, 0)
 
 

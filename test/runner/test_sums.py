@@ -107,16 +107,16 @@ def test_a_place_is_measured_then_reckoned_then_lost():
     place = believed(*np.arange(10.0, 20.01, 0.1))
     assert at(Placement(), 10.0) is Place.NEVER
     assert [at(place, 20.0 + age) for age in (0.0, 0.99, 1.01, 4.9, 5.1)] == [
-        Place.TOLD, Place.TOLD, Place.RECKONED, Place.RECKONED, Place.LOST,
+        Place.KNOWN, Place.KNOWN, Place.RECKONED, Place.RECKONED, Place.LOST,
     ]  # fmt: skip
     assert place.age(23 * SECOND) == pytest.approx(3.0)
 
 
 def test_a_slow_sensor_may_be_silent_for_ten_of_its_periods():
     place = believed(*np.arange(10.0, 20.01, 0.25))
-    assert [at(place, 20.0 + age) for age in (2.4, 2.6)] == [Place.TOLD, Place.RECKONED]
+    assert [at(place, 20.0 + age) for age in (2.4, 2.6)] == [Place.KNOWN, Place.RECKONED]
     very_slow = believed(*np.arange(10.0, 30.01, 0.9))
-    assert at(very_slow, 29.8 + 4.9) is Place.TOLD
+    assert at(very_slow, 29.8 + 4.9) is Place.KNOWN
     assert at(very_slow, 29.8 + 5.1) is Place.LOST
 
 
@@ -125,13 +125,13 @@ def test_a_sensor_that_comes_back_is_believed_again_after_five_steady_seconds():
     place = believed(*before, *after[:40])
     assert at(place, 24.0) is Place.RECKONED
     place = believed(*before, *after)
-    assert at(place, 25.0) is Place.TOLD
+    assert at(place, 25.0) is Place.KNOWN
     place = believed(*before, *after[:20], *(after[:20] + 5.0))
     assert at(place, 27.0) is Place.RECKONED
     place.forget()
     assert at(place, 27.0) is Place.NEVER
     place.believed(27 * SECOND)
-    assert at(place, 27.1) is Place.TOLD
+    assert at(place, 27.1) is Place.KNOWN
 
 
 def test_a_position_that_comes_late_does_not_make_the_last_one_older():

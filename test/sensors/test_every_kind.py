@@ -42,7 +42,7 @@ def test_a_kind_tells_what_it_is(sensor: SensorBase):
     assert sensor.joints == topic.names
     assert sensor.words
     assert len(sensor.components) in (0, len(sensor.deviations()))
-    assert sensor.tells or sensor.signals
+    assert sensor.measures or sensor.signals
 
 
 def test_signals_of_all_kinds_have_names_of_their_own():
@@ -137,7 +137,7 @@ def test_what_a_simulated_message_says_is_read_as_the_truth_up_to_its_noise(sens
 @pytest.mark.parametrize("sensor", [found for found in KNOWN if found.values[0].tells_speed])
 def test_speeds_of_a_car_on_equal_wheels_are_the_same_by_all_ways_to_tell_them(sensor: SensorBase):
     speed, radius = np.array([0.0, 10.0, 25.0]), 0.3
-    rolling = "rolling speed" in sensor.tells
+    rolling = "rolling speed" in sensor.measures
     direction = [0.6, -0.8] if len(sensor.deviations()) == 2 else [1.0]
     value = np.tile(speed[:, None] / radius, 4) if rolling else np.outer(speed, direction)
     assert_allclose(sensor.speeds(value, np.full(4, radius)), speed)

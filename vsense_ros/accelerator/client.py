@@ -87,7 +87,7 @@ class Client:
         self._misses = 0
         self._pause, self._resume = FIRST_PAUSE, -np.inf
         self._tables: dict[str, NDArray[np.uint32]] = {}
-        self._told: set[str] = set()
+        self._has_table: set[str] = set()
 
     @property
     def is_off(self) -> bool:
@@ -97,7 +97,7 @@ class Client:
     def set_table(self, kernel: str, table: NDArray[np.uint32]) -> None:
         """Coefficients that are sent before the next request of this kernel, and again after a failure."""
         self._tables[kernel] = table
-        self._told.discard(kernel)
+        self._has_table.discard(kernel)
 
     def solve(self, matrix: Array, right: Array, on_processor: Callable[[Array, Array], Array] = _solve) -> Array:
         """x (n,) of matrix (n, n) x = right (n,): by the accelerator where it is asked and right, else by
@@ -138,7 +138,7 @@ class Client:
         if self.is_off:
             self.counts["left_alone"] += 1
             return None
-        if kernel.table_words and kernel.name not in self._told and not self._send_table(kernel):
+        if kernel.table_words and kernel.name not in self._has_table and not self._send_table(kernel):
             return None
         answer = self._asked(kernel, words, 0, kernel.words_out)
         if answer is None:
@@ -161,7 +161,7 @@ class Client:
             raise ValueError(f"{kernel.name} needs coefficients: call set_table first")
         if self._asked(kernel, table, TABLE, 0) is None:
             return False
-        self._told.add(kernel.name)
+        self._has_table.add(kernel.name)
         return True
 
     def _asked(self, kernel: Kernel, words: NDArray[np.uint32], flags: int, words_out: int) -> Frame | None:
@@ -169,7 +169,7 @@ class Client:
         self._sequence = (self._sequence + 1) % REQUESTS
         sequence = self.sender << 24 | self._sequence
         began = self.transport.now()
-        # Its deadline is told in time since the stamp, so that clocks need not agree.
+        # Its deadline is given in time since the stamp, so that clocks need not agree.
         frame = Frame(
             kernel.number, sequence, words, flags, deadline=round(1e9 * self.deadline), rows=kernel.size,
             right_sides=1 if kernel.size else 0,
@@ -190,7 +190,7 @@ class Client:
         answer = good[0]
         if answer.status != Status.OK:
             if answer.status == Status.FAULT:
-                self._told.discard(kernel.name)  # it may have been started anew
+                self._has_table.discard(kernel.name)  # it may have been started anew
             if answer.status == Status.PIVOT:
                 # The accelerator is well: this system is not one for it.
                 self._succeeded()
@@ -233,7 +233,7 @@ class Client:
                 self._pause = min(2 * self._pause, LONGEST_PAUSE)
             self._resume = self.transport.now() + self._pause
             self.counts["pauses"] += 1
-            self._told.clear()
+            self._has_table.clear()
 
     def _succeeded(self) -> None:
         self._misses = 0

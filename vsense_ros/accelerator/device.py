@@ -30,7 +30,7 @@ class Answer:
 class Device:
     """Kernels behind a link. `backend` mock computes with NumPy, rtl with the verilated hardware (the same bits), off
     answers nothing. One request is worked on at a time: another that comes before the answer of the first has left is
-    told that the accelerator is busy. Raises `InputError` for a backend or kernel that there is not."""
+    answered that the accelerator is busy. Raises `InputError` for a backend or kernel that there is not."""
 
     def __init__(
         self,

@@ -175,7 +175,7 @@ def _message(
         return _joint_state(name, sensor, value)
     if isinstance(value, Mapping):
         return (), {field: np.atleast_1d(np.asarray(numbers, float)) for field, numbers in value.items()}
-    if "heading" in sensor.tells:
+    if "heading" in sensor.measures:
         return (), _heading(name, value, sigma)
     fields = _VALUES[sensor.message]
     lengths = [FIELDS[sensor.message][field] for field in fields]

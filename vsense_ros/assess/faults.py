@@ -96,7 +96,7 @@ def observe(recording: Recording, vehicle: Vehicle, filter: str = "") -> Run:
         for name, axis in (("linear", 1), ("position", 0), ("position", 1))
     ]
     error = estimates[:, 1:4] - np.column_stack(true)
-    return Run(t, error[:, 0], estimates[:, 4], error[:, 1:], estimates[:, 5:], said, len(runner.resets.told))
+    return Run(t, error[:, 0], estimates[:, 4], error[:, 1:], estimates[:, 5:], said, len(runner.resets.reported))
 
 
 def _runner(recording: Recording, vehicle: Vehicle, filter: str) -> Runner:

@@ -25,7 +25,7 @@ from vsense_ros.manoeuvre import MANOEUVRES, drive
 from vsense_ros.manoeuvre.sensing import record
 from vsense_ros.messages.recording import Recording
 from vsense_ros.model.vehicle import Vehicle
-from vsense_ros.runner.told import MOTIONS, Told, told
+from vsense_ros.runner.determined import MOTIONS, Determined, determined_by
 
 Progress = Callable[[float], None]
 
@@ -48,7 +48,7 @@ class Report:
 
     filter: str
     drive: str
-    told: Told
+    determined: Determined
     would: Mapping[str, Mapping[str, float]]
 
 
@@ -61,9 +61,9 @@ def report(
     progress: Progress = lambda share: None,
 ) -> Report:
     """Observability of the states of the filter `name` on a recording. With `ask`, the motions of `WAYS` are simulated
-    with this vehicle if the recording leaves a state undetermined. Raises `InputError` as `told` does."""
-    determined = told(recording, vehicle, name, lambda share: progress((0.3 if ask else 1.0) * share))
-    missing = [state.name for state in determined.states if state.told_at is None and state.before > 0]
+    with this vehicle if the recording leaves a state undetermined. Raises `InputError` as `determined_by` does."""
+    determined = determined_by(recording, vehicle, name, lambda share: progress((0.3 if ask else 1.0) * share))
+    missing = [state.name for state in determined.states if state.determined_at is None and state.before > 0]
     would: dict[str, dict[str, float]] = {state: {} for state in missing}
     if ask and missing:
         for i, (way, manoeuvre) in enumerate(WAYS.items()):
@@ -80,7 +80,7 @@ def _shown(manoeuvre: str, vehicle: Vehicle, name: str) -> dict[str, float] | No
     """Shares of the deviations at start that a manoeuvre of this car leaves; None where the filter does not start."""
     simulated = record(drive(MANOEUVRES[manoeuvre], vehicle), vehicle, 1, name=manoeuvre)
     try:
-        determined = told(simulated.between(0.0, min(LONGEST, simulated.duration)), vehicle, name)
+        determined = determined_by(simulated.between(0.0, min(LONGEST, simulated.duration)), vehicle, name)
     except InputError:
         return None
     return {state.name: state.left for state in determined.states}
@@ -97,25 +97,25 @@ def advice(report: Report, state: str) -> str:
 
 def show(report: Report, console: Console) -> None:
     """Print the states, and the combinations that were not determined."""
-    rest = f" on {report.drive}, {report.told.t[-1]:.0f} s; standard deviations in SI units"
+    rest = f" on {report.drive}, {report.determined.t[-1]:.0f} s; standard deviations in SI units"
     console.print(Text.assemble((report.filter, "bold"), rest))
     headings = ("at start", "at the end", "left", "determined after")
     table = plain_table("state", *headings, "while, or what would determine it", right=headings)
-    for state in report.told.states:
+    for state in report.determined.states:
         if state.before <= 0:
             continue
-        known = state.told_at is not None
+        known = state.determined_at is not None
         table.add_row(
             state.name, f"{state.before:.3g}", f"{state.after:.3g}", f"{100 * state.left:.0f} %",
-            f"{state.told_at:.1f} s" if known else Text("not yet", style="bold"),
+            f"{state.determined_at:.1f} s" if known else Text("not yet", style="bold"),
             state.motion if known else advice(report, state.name),
         )  # fmt: skip
     console.print(table)
-    if report.told.untold is None:
+    if report.determined.undetermined is None:
         console.print("The filter is a cascade: of combinations of its states nothing is said.")
-    elif report.told.untold:
+    elif report.determined.undetermined:
         console.print("Combinations that were hardly determined, weakest first (in units of deviations at start):")
-        for one in report.told.untold[:5]:
+        for one in report.determined.undetermined[:5]:
             console.print(f"  {one}: {100 * one.remaining:.0f} % left", soft_wrap=True)
     else:
         console.print("Every combination of states was determined.")
@@ -123,7 +123,7 @@ def show(report: Report, console: Console) -> None:
 
 def draw(report: Report, path: Path) -> Path:
     """Deviations over time, over those at start, on the motion's shade."""
-    shown = [i for i, state in enumerate(report.told.states) if state.before > 0]
+    shown = [i for i, state in enumerate(report.determined.states) if state.before > 0]
     columns = 3
     rows = int(np.ceil(len(shown) / columns))
     with matplotlib.rc_context(dict(STYLE)):
@@ -132,17 +132,17 @@ def draw(report: Report, path: Path) -> Path:
         title = f"{report.filter} on {drawn(report.drive)}: what is left of a deviation"
         figure.suptitle(title, x=0.01, ha="left", fontsize=12, fontweight="bold")
         panels = figure.subplots(rows, columns, sharex=True, sharey=True, squeeze=False).ravel()
-        t, motion = report.told.t, report.told.motion
+        t, motion = report.determined.t, report.determined.motion
         edges = np.flatnonzero(np.diff(motion)) + 1
         begins, ends = np.concatenate([[0], edges]), np.concatenate([edges, [len(t) - 1]])
         for panel, i in zip(panels, shown, strict=False):
-            state = report.told.states[i]
+            state = report.determined.states[i]
             for begin, end in zip(begins, ends, strict=True):
                 panel.axvspan(t[begin], t[end], color=_SHADES[motion[begin]], lw=0, zorder=0)
-            left = report.told.deviations[:, i] / state.before
-            panel.plot(t, left, color="#0072B2" if state.told_at is not None else "#D55E00")
+            left = report.determined.deviations[:, i] / state.before
+            panel.plot(t, left, color="#0072B2" if state.determined_at is not None else "#D55E00")
             panel.axhline(0.5, color=MUTED, lw=0.6, ls=":")
-            panel.set_title(state.name + ("" if state.told_at is not None else ", not determined"))
+            panel.set_title(state.name + ("" if state.determined_at is not None else ", not determined"))
             panel.set_yscale("log")
             panel.grid(False)
         for panel in panels[len(shown) :]:
@@ -162,12 +162,14 @@ def draw(report: Report, path: Path) -> Path:
 def write(report: Report, path: Path) -> None:
     """Write the report as JSON [SI]."""
     path.parent.mkdir(parents=True, exist_ok=True)
-    untold = report.told.untold
+    undetermined = report.determined.undetermined
     content = {
         "filter": report.filter,
         "drive": report.drive,
-        "states": [asdict(state) for state in report.told.states],
-        "untold": None if untold is None else [{"direction": str(one), "left": one.remaining} for one in untold],
+        "states": [asdict(state) for state in report.determined.states],
+        "undetermined": None
+        if undetermined is None
+        else [{"direction": str(one), "left": one.remaining} for one in undetermined],
         "would_leave": report.would,
     }
     with atomic_write(path) as file:

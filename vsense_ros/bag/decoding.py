@@ -39,7 +39,7 @@ def skipped(topic: str, kind: str, count: int) -> str:
 
 def channels_of(gathered: Iterable[tuple[str, TopicMessages]], notes: list[str]) -> tuple[dict[str, Channel], int]:
     """Decode the messages of each topic. Returns the channels, and the number of messages that are not of their type;
-    `notes` is told of these."""
+    `notes` gets a sentence on these."""
     result: dict[str, Channel] = {}
     lost = 0
     for topic, messages in gathered:

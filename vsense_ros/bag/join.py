@@ -54,7 +54,7 @@ def joined(recordings: Sequence[Recording], *, keep_times: bool = False) -> Reco
         found = (0.0, 1.0) if keep_times else clock_offset(replace(first, channels=channels), other)
         if found is None:
             raise InputError(
-                f"{other.name}: nothing in it tells the same motion as {first.name} (a speed or a turning rate in "
+                f"{other.name}: nothing in it measures the same motion as {first.name} (a speed or a turning rate in "
                 "both), so that the difference of their clocks cannot be found; if they have one clock: --keep-times"
             )
         offset, alike = found

@@ -33,7 +33,7 @@ class UnitSettings:
     known_radius: float = setting(0.1, "-", "relative difference from the vehicle file's radius that is no question")
     least_radius: float = setting(0.2, "m", "rolling radius of a car", "smaller than the wheels of a kart")
     largest_radius: float = setting(0.6, "m", "rolling radius of a car", "larger than those of a lorry")
-    speed_unit: float = setting(0.03, "-", "relative error of the rolling radius of wheels told as speeds")
+    speed_unit: float = setting(0.03, "-", "relative error of the rolling radius of wheels given as speeds")
     spin_unit: float = setting(0.4, "-", "relative error of a usual car's rolling radius")
     least_driving: float = setting(1.0, "s", "in which wheels are compared with GNSS", JUDGEMENT)
     radius_scatter: float = setting(0.1, "-", "of the radius, beyond which it is not determined", JUDGEMENT)
@@ -104,7 +104,7 @@ def rolling(subject: Subject, _: Sequence[Finding]) -> Iterator[Finding]:
     if known is not None and abs(radius / known - 1.0) < SETTINGS.known_radius:
         return
     rolls_at = known or MOTION.rolling_radius
-    # The ratio of a speed over ground to wheels told in a unit, what takes the unit to rad/s, and how well it is known.
+    # The ratio of a speed over ground to wheels in a unit, what takes the unit to rad/s, and how well it is known.
     units = (
         ("m/s", 1.0, 1 / rolls_at, SETTINGS.speed_unit),
         ("km/h", to_si("km/h"), to_si("km/h") / rolls_at, SETTINGS.speed_unit),

@@ -1,10 +1,10 @@
 """CAN logs of any format: candump, Vector ASC and BLF, PEAK TRC, GVRET and python-can CSV, MDF4 bus logging, and the
 texts of `can_text_logs`.
 
-The format is told by the beginning of a file. What python-can reads is read by it; candump and GVRET are read here, so
+The format is known by the beginning of a file. What python-can reads is read by it; candump and GVRET are read here, so
 that a damaged line costs itself alone, and because python-can knows neither candump's form for people nor GVRET.
 
-Times are Unix times where the log tells a date: a date without a time zone is taken for UTC. Where it tells none they
+Times are Unix times where the log has a date: a date without a time zone is taken for UTC. Where it has none they
 count from the start of the log, which `CanFrames.counts_from_zero` says.
 """
 
@@ -33,7 +33,7 @@ from vsense_ros.errors import InputError
 FORMATS = (
     "candump, Vector ASC and BLF, PEAK TRC, GVRET and python-can CSV, MDF4, BUSMASTER, CRTD, Vehicle Spy CSV, Microchip"
 )
-_MOST_LOSSES = 50  # that are told one by one
+_MOST_LOSSES = 50  # that are reported one by one
 
 # (time) channel id#data, id##flags data (FD), id#R (remote); or for people: (time) channel [RX -] id [length] data
 _CANDUMP = re.compile(
@@ -48,7 +48,7 @@ _GVRET = ("time stamp", "id", "extended")
 class CanLog:
     """The messages of a log file, in the order of the file.
 
-    Iterating yields every intact message; what had to be left out is then told by `losses`. `InputError` if not one
+    Iterating yields every intact message; what had to be left out is then in `losses`. `InputError` if not one
     message was intact.
     """
 

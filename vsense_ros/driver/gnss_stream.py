@@ -95,7 +95,7 @@ class FrameFilter:
 class ReceiverDecoder:
     """Decodes UBX and NMEA in one stream of bytes, whichever comes first.
 
-    Both tell the same position and velocity: as soon as UBX does, which is more precise and complete, NMEA adds
+    Both have the same position and velocity: as soon as UBX does, which is more precise and complete, NMEA adds
     headings alone. With `expected` ubx, it never adds anything else.
     """
 

@@ -59,7 +59,7 @@ def _whole(plain: Any) -> Any:
         blocks: Any, signals: Any, name: str, cycles: int, record_size: int, invalidation_bytes: int, *others: Any
     ) -> Any:
         _within(record_size, signals)
-        # Of each a bit that tells whether it is valid, behind the record; none where it is negative.
+        # Of each a bit that says whether it is valid, behind the record; none where it is negative.
         _within(invalidation_bytes, [(bit // 8, 1) for *_, bit in signals if bit >= 0])
         return plain(blocks, signals, name, cycles, record_size, invalidation_bytes, *others)
 

@@ -246,7 +246,7 @@ class NmeaDecoder:
         return stamp + self._burst - burst
 
     def _follow(self, stamp: int) -> None:
-        """Carry the date over midnight where nothing but GGA or GNS tells the time."""
+        """Carry the date over midnight where nothing but GGA or GNS has the time."""
         if self._reference is not None and 0 < stamp - self._reference < gnss.DAY // 2:
             self._reference = stamp
 

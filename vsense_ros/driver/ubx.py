@@ -97,7 +97,7 @@ class UbxDecoder:
     """Decodes a stream of bytes; everything in it that is no intact frame of interest is passed over.
 
     NAV-PVT gives position and velocity with the receiver's own accuracies, NAV-RELPOSNED the attitude of the antenna
-    baseline. The latter has only the time of week, whose date the latest NAV-PVT tells.
+    baseline. The latter has only the time of week, whose date the latest NAV-PVT has.
     """
 
     def __init__(self, settings: GnssSettings | None = None) -> None:

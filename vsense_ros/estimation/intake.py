@@ -20,7 +20,7 @@ from vsense_ros.messages.recording import Channel, Sample
 LONGEST_GAP = 5.0  # [s] between stamps of sensors whose clocks agree
 BLIND = 3.5  # [s] without any measurement after which a filter starts anew: no model knows where a driver steers
 FROZEN = 50  # equal messages in a row: noise makes two unlikely and so many impossible
-_ARRIVAL_STEP = 100_000_000  # [ns] by which time goes on at most with messages that do not tell when they arrived
+_ARRIVAL_STEP = 100_000_000  # [ns] by which time goes on at most with messages that do not say when they arrived
 
 Sensor = TypeVar("Sensor", bound=Source)
 
@@ -36,7 +36,7 @@ class Timing(Enum):
 class Intake(Generic[Sensor]):
     """The messages of all sensors, in order of arrival; `health` (one for each) says what became of them.
 
-    `moving()` tells whether the car moves, so that an inertial sensor of coarse resolution may not repeat itself.
+    `moving()` says whether the car moves, so that an inertial sensor of coarse resolution may not repeat itself.
     Messages of such a sensor that come faster than one in `merge` [s] are averaged, and their mean counts as one.
     """
 
@@ -196,7 +196,7 @@ class Intake(Generic[Sensor]):
     def timing(self, event: Event, oldest: int, newest: int) -> Timing:
         """Judge whether a stamp belongs to the stretch of time from `oldest` to `newest` [ns], or goes on from there.
 
-        Where a stamp does not, time has gone on if there was as long a silence. Otherwise the other sensors tell
+        Where a stamp does not, time has gone on if there was as long a silence. Otherwise the other sensors show
         whether this clock is wrong: once all that still send are there too, the filter follows them. A clock that alone
         went elsewhere is never followed.
         """

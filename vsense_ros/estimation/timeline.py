@@ -30,7 +30,7 @@ class Event:
     stamp: int  # of the measurement, latency taken off [ns]
     value: Array  # (m,), NaN where absent
     variance: Array  # (m,)
-    counted: bool = False  # it has been told of
+    counted: bool = False  # it has been reported
     whole: Array | None = None  # (m,) the measurement before what is not believed of it was made absent
 
     def without(self, components: list[int]) -> None:
@@ -75,7 +75,7 @@ class Timeline:
     be gone back to by `rewind`, tenths of a second apart.
 
     Measurements at most `merge` [s] after an instant belong to it. `act(event)` lets an event act on the filter at its
-    present time and tells of it; by default the filter corrects, or takes inputs, and `found(event, nis, innovation)`
+    present time and reports it; by default the filter corrects, or takes inputs, and `found(event, nis, innovation)`
     is called once for each event, with the innovation if the filter has not gone on since. `in_one_go()` says whether
     events that are repeated may act all at once, without `act`. `afterwards()` is called when something has happened,
     `fault()` when the filter is not valid or cannot be moved; by default it goes back to the newest instant that is
@@ -201,7 +201,7 @@ class Timeline:
 
     def again(self, since: int, act: Callable[[Event], None]) -> bool:
         """Let everything since a time [ns], or as far as is remembered, happen once more by `act`, in which a filter
-        may be told otherwise than it was; then be as before. False if the filter could not go all the way."""
+        may have changed since; then be as before. False if the filter could not go all the way."""
         self.catch_up()
         place, events = self._before(since)
         instant = self._checkpoints[place].instant if place < 0 else self._history[place]

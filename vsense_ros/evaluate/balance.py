@@ -26,7 +26,7 @@ class Balance:
     shares: Array  # (n, 6), as `SHARES`, NaN where the inertial sensor lacks the axes
 
     @property
-    def told(self) -> list[str]:
+    def measured(self) -> list[str]:
         """Names of what could be compared."""
         return [name for name in SHARES if np.isfinite(self.of(name)).any()]
 
@@ -39,7 +39,7 @@ class Balance:
         """Root mean squares once the observer has settled, by name [%]."""
         settled = self.stamp > self.stamp[0] + SETTLED * 1e9
         rows = settled if settled.any() else slice(None)
-        return {name: 100 * float(np.sqrt(np.nanmean(self.of(name)[rows] ** 2))) for name in self.told}
+        return {name: 100 * float(np.sqrt(np.nanmean(self.of(name)[rows] ** 2))) for name in self.measured}
 
 
 def balance(output: Recording, vehicle: Vehicle) -> Balance | None:

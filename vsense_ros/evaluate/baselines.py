@@ -40,7 +40,7 @@ def wheel_speed(recording: Recording, rolling_radius: float) -> list[Series]:
 
 
 def gyro(recording: Recording) -> list[Series]:
-    """The yaw rate as the gyro tells it."""
+    """The yaw rate as the gyro measures it."""
     channel = find_channel(recording, "imu/data")
     if channel is None:
         return []

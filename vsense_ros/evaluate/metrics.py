@@ -33,7 +33,7 @@ class SignalScore:
       diagonal of the bounding box for the position; None where the truth does not change.
     - `bias`: mean of estimate - truth [unit]; length of the mean error vector for the position.
     - `lag_s`: delay that brings the estimate closest to the truth [s], positive where the estimate is late; None
-      where the signals do not tell (constant, a ramp, unlike each other).
+      where the signals do not determine it (constant, a ramp, unlike each other).
     - `n`: number of reference values compared.
     - `within_2s`: share of the errors within two standard deviations, 0.954 if the filter is right; each component of
       the position counts. `nees`: mean square of error over standard deviation (Bar-Shalom, Li & Kirubarajan 2001,

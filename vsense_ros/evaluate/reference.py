@@ -42,7 +42,7 @@ def at_reference(output: Recording, vehicle: Vehicle) -> Recording:
     for name, value in moved.items():
         columns[name] = np.where(np.isnan(columns[name]), np.nan, value)
     channels = {**output.channels, ODOMETRY: replace(odometry, columns=columns)}
-    slip = output.channels.get(SIDE_SLIP)  # not every filter tells it
+    slip = output.channels.get(SIDE_SLIP)  # not every filter estimates it
     if slip is not None and len(slip) and np.array_equal(slip.stamp, odometry.stamp):
         vector = slip.columns["vector"].copy()
         vector[:, 0] = np.arctan2(columns["linear"][:, 1], columns["linear"][:, 0])

@@ -208,11 +208,11 @@ def _limits(estimate: Series, truth: Series | None) -> tuple[float, float]:
 
 
 def _unbalanced(found: Balance, start: int) -> list[go.Scatter]:
-    """Shares of the weight and of the axles' loads that are left over [%]; where the inertial sensor tells no load,
+    """Shares of the weight and of the axles' loads that do not balance [%]; where the inertial sensor measures no load,
     of the forces along and across the car, and the yaw moment."""
     traces = []
-    loads = [name for name in ("vertical force", "front load", "rear load") if name in found.told]
-    for name, colour in zip(loads or found.told, _OF_SHARES, strict=False):
+    loads = [name for name in ("vertical force", "front load", "rear load") if name in found.measured]
+    for name, colour in zip(loads or found.measured, _OF_SHARES, strict=False):
         share = 100 * found.of(name)
         seconds, shown = curve(found.stamp, start, share)
         line = {"color": colour, "width": 1.2}

@@ -13,7 +13,7 @@ from math import pi
 import numpy as np
 from numpy.typing import NDArray
 
-from vsense_ros.messages.estimates import UNTOLD
+from vsense_ros.messages.estimates import UNESTIMATED_VARIANCE
 from vsense_ros.messages.recording import Channel, Recording
 from vsense_ros.messages.topics import WHEELS
 
@@ -128,10 +128,10 @@ def euler_angles(quaternion: Array) -> tuple[Array, Array, Array]:
 def read_signals(recording: Recording, source: str) -> dict[str, Series]:
     """All signals that `recording` holds below `source` ("vsense" or "reference").
 
-    A value that is not finite, or whose variance is negative, not a number, or `UNTOLD` (ways to say "absent"), is left
-    out; a
-    signal without any value is no signal. The side slip is what `<source>/sideslip` says, else the angle of the
-    velocity vector, and is only given at more than `SLOWEST_SIDE_SLIP` where it is the angle of a velocity.
+    A value that is not finite, or whose variance is negative, not a number, or `UNESTIMATED_VARIANCE` (ways to say
+    "absent"), is left out; a signal without any value is no signal. The side slip is what `<source>/sideslip` says,
+    else the angle of the velocity vector, and is only given at more than `SLOWEST_SIDE_SLIP` where it is the angle of a
+    velocity.
     """
     found: dict[str, Series] = {}
 
@@ -156,9 +156,11 @@ def read_signals(recording: Recording, source: str) -> dict[str, Series]:
         force = find_channel(recording, f"{source}/wheel_force/{wheel}")
         if force is not None:
             deviation = find_channel(recording, f"{source}/wheel_force_deviation/{wheel}")
-            told = deviation is not None and np.array_equal(deviation.stamp, force.stamp)
+            has_deviation = deviation is not None and np.array_equal(deviation.stamp, force.stamp)
             for column, letter in enumerate("xyz"):
-                variance = deviation.columns["force"][:, column] ** 2 if deviation is not None and told else None
+                variance = (
+                    deviation.columns["force"][:, column] ** 2 if deviation is not None and has_deviation else None
+                )
                 keep(f"wheel_force_{wheel}_{letter}", force, force.columns["force"][:, column : column + 1], variance)
     return {name: found[name] for name in SIGNALS if name in found}
 
@@ -170,7 +172,9 @@ def _read_odometry(odometry: Channel, keep: Callable[[str, Channel, Array, Array
     keep("longitudinal_velocity", odometry, linear[:, :1], variance[0])
     keep("lateral_velocity", odometry, linear[:, 1:2], variance[1])
     keep("yaw_rate", odometry, angular[:, 2:], variance[5])
-    lateral_absent = variance[1] is not None and not np.any((variance[1] >= 0.0) & (variance[1] != UNTOLD))
+    lateral_absent = variance[1] is not None and not np.any(
+        (variance[1] >= 0.0) & (variance[1] != UNESTIMATED_VARIANCE)
+    )
     if lateral_absent:
         keep("speed", odometry, np.abs(linear[:, :1]), variance[0])
     else:
@@ -203,7 +207,7 @@ def make_series(signal: Signal, channel: Channel, value: Array, variance: Array 
     """
     good = np.isfinite(value).all(axis=1)
     if variance is not None:
-        good &= (variance >= 0.0) & (variance != UNTOLD)
+        good &= (variance >= 0.0) & (variance != UNESTIMATED_VARIANCE)
     rows = np.flatnonzero(good)[::-1]
     stamp, first = np.unique(channel.stamp[rows], return_index=True)
     rows = rows[first]

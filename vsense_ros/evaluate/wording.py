@@ -16,7 +16,7 @@ LEGEND = (
     "NEES: mean square of error over standard deviation, 1 if they are right. Trivial: RMSE of what costs nothing: "
     "zero, the mean of the reference, the last reading of a sensor. NRMSD: RMSE over the range of the reference "
     "(Leung 2010), where that says something. Bias: estimate minus reference. Lag: positive where the estimate is "
-    "late; – where the signal cannot tell."
+    "late; – where the signal does not determine it."
 )
 
 

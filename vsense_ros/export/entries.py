@@ -22,7 +22,7 @@ FIELDS = {
     "sensitivity": "of the estimated state to them, column-major",
     "information": "on them in the measurements since the start",
     "by_estimates": "the accelerations by them, column-major",
-    "reversion_mean": "what the states behind the velocities go back to; a map may tell slopes and their changes",
+    "reversion_mean": "what the states behind the velocities go back to; a map may have slopes and their changes",
     "surveyed": "where the road was last looked up, and whether its slopes along and across were known there",
     "process_kind": "length of the step [5 us] for which decay and noise were made, and whether brakes may act",
     "decay": "of the states behind the velocities in a step",

@@ -2,7 +2,7 @@
 
 What the handling models do with an augmented state, the separate-bias filter does with the multibody car (observer/
 spi.py): parameters are estimated beside the state. Each recording is gone over once and begins with what those before
-it left: a second time over the same drive, what it does not tell would wander far away.
+it left: a second time over the same drive, what it does not determine would wander far away.
 """
 
 from __future__ import annotations

@@ -119,7 +119,7 @@ def _understeer_and_roll(found: Characteristics, panels: Any) -> None:
         (panels[1], "roll", "Roll", "[°]"),
     ):
         if key not in found.scatters:
-            _nothing(panel, title, "not told")
+            _nothing(panel, title, "not determined")
             continue
         _points(panel, found.scatters[key], ESTIMATE, "")
         panel.set_title(title)
@@ -137,7 +137,7 @@ def _stiffness(found: Characteristics, axle_panel: Axes, panels: Any) -> None:
         axle_panel.set_ylabel("lateral force [kN]")
         axle_panel.legend()
     else:
-        _nothing(axle_panel, "Axle forces", "not told")
+        _nothing(axle_panel, "Axle forces", "not determined")
     for panel, what, x in (
         (panels[0], "slip stiffness", "longitudinal slip [-]"),
         (panels[1], "cornering stiffness", "minus slip angle [rad]"),

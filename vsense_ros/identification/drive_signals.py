@@ -31,7 +31,7 @@ DRIVE_SIGNALS = DriveSignalSettings()
 
 @dataclass(frozen=True)
 class DriveSignals:
-    """n instants; what a drive does not tell is None. `valid` (n,) is where all that is there is known."""
+    """n instants; what a drive does not have is None. `valid` (n,) is where all that is there is known."""
 
     name: str
     valid: NDArray[np.bool_]
@@ -130,7 +130,7 @@ def of_recording(recording: Recording, vehicle: Vehicle | None) -> DriveSignals:
 
 
 def _in_axes_of_car(imu: Channel, vehicle: Vehicle | None) -> tuple[Array, Array]:
-    """Rates and forces (n, 3) of an IMU, without the known errors where the vehicle file tells its mounting."""
+    """Rates and forces (n, 3) of an IMU, without the known errors where the vehicle file has its mounting."""
     columns = dict(imu.measured)
     mounted = [s for s in vehicle.sensors.values() if isinstance(s, Imu)] if vehicle is not None else []
     if mounted:

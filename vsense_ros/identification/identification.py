@@ -164,7 +164,7 @@ def identify(
 
 def _noise(vehicle: Vehicle, model: Rates, least: Sequence[float]) -> list[float]:
     """Deviations of the outputs (m,): those of the vehicle's inertial sensor, if they are larger than the least."""
-    imu = next((s for s in vehicle.sensors.values() if "rates and forces" in s.tells), None)
+    imu = next((s for s in vehicle.sensors.values() if "rates and forces" in s.measures), None)
     if imu is None:
         return list(least)
     rates, forces = imu.deviations()[:3], imu.deviations()[3:6]

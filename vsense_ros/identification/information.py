@@ -107,7 +107,7 @@ class Information:
         return np.sqrt(np.maximum(self.scaled.diagonal() * inverse.diagonal(), 1.0))
 
     def weakest(self, judged_by_curve: Collection[str] = ()) -> Direction:
-        """The combination that is hardest to tell apart, whatever each parameter is known to, in units of what is told
+        """The combination that is hardest to tell apart, whatever each parameter is known to, in units of what is known
         of each alone; those that are judged by their curve are left out, and count as unknown."""
         inverse = np.linalg.inv(self.scaled + 1e-9 * np.trace(self.scaled) / len(self.names) * np.eye(len(self.names)))
         stay = [i for i, name in enumerate(self.names) if name not in judged_by_curve]
@@ -135,13 +135,13 @@ class Information:
 
 
 def information(identifier: Identifier, drives: Sequence[Drive], values: Array, prior: Array) -> Information:
-    """What drives tell of the parameters around `values` (p,), whose prior deviations are `prior` (p,).
+    """What drives say of the parameters around `values` (p,), whose prior deviations are `prior` (p,).
 
-    The pass that tells it begins with only a `INFORMATION.prior_share` of these, so that the equations stay as they are
-    there. It is divided by how much more the pieces of the drives disagree about the parameters than noise would make
-    them. Raises `FloatingPointError` where the pass cannot go on.
+    The pass that computes it begins with only a `INFORMATION.prior_share` of these, so that the equations stay as they
+    are there. It is divided by how much more the pieces of the drives disagree about the parameters than noise would
+    make them. Raises `FloatingPointError` where the pass cannot go on.
     """
-    return _told(identifier, drives, np.asarray(values, dtype=float), prior)[0]
+    return _determined_by(identifier, drives, np.asarray(values, dtype=float), prior)[0]
 
 
 def weigh(identifier: Identifier, drives: Sequence[Drive], values: Array, start: Array, prior: Array) -> Information:
@@ -149,7 +149,7 @@ def weigh(identifier: Identifier, drives: Sequence[Drive], values: Array, start:
     from `values` (p,), where passes have ended, with the prior around `start` (p,). A direction that the drives do not
     tell goes back to where it started. Raises `FloatingPointError` where a pass cannot go on."""
     values = np.asarray(values, dtype=float)
-    found, score = _told(identifier, drives, values, prior)
+    found, score = _determined_by(identifier, drives, values, prior)
     for _ in range(INFORMATION.most_steps):
         step = np.linalg.solve(found.scaled + np.eye(len(prior)), score + (start - values) / prior)
         step *= min(1.0, INFORMATION.longest_step / max(float(np.abs(step).max()), 1e-12))
@@ -157,7 +157,7 @@ def weigh(identifier: Identifier, drives: Sequence[Drive], values: Array, start:
         inside[~np.isfinite(inside)] = 0.0
         new = np.clip(values + prior * step, identifier.low + inside, identifier.high - inside)
         try:
-            found, score = _told(identifier, drives, new, prior)
+            found, score = _determined_by(identifier, drives, new, prior)
         except FloatingPointError:
             break
         values = new
@@ -166,7 +166,9 @@ def weigh(identifier: Identifier, drives: Sequence[Drive], values: Array, start:
     return found
 
 
-def _told(identifier: Identifier, drives: Sequence[Drive], values: Array, prior: Array) -> tuple[Information, Array]:
+def _determined_by(
+    identifier: Identifier, drives: Sequence[Drive], values: Array, prior: Array
+) -> tuple[Information, Array]:
     """The information, and the score (p,): the gradient of the log-likelihood at `values`, both scaled by the prior
     deviations."""
     deviations = INFORMATION.prior_share * prior
@@ -192,17 +194,17 @@ def disagreement(added: Array, scaled: Array) -> float:
     not right).
     """
     eigenvalues, directions = np.linalg.eigh(scaled)
-    told = eigenvalues > 1.0
-    if not told.any():
+    determined = eigenvalues > 1.0
+    if not determined.any():
         return 1.0
-    squares = ((added - added.mean(axis=0)) @ directions[:, told]) ** 2
+    squares = ((added - added.mean(axis=0)) @ directions[:, determined]) ** 2
     count = len(added) - 1
-    return float(np.mean(squares.sum(axis=0) / eigenvalues[told]) * (count + 1) / max(count, 1))
+    return float(np.mean(squares.sum(axis=0) / eigenvalues[determined]) * (count + 1) / max(count, 1))
 
 
 @dataclass(frozen=True)
 class Refusal:
-    """A parameter that the drives do not tell: the share of its prior deviation that is `left`, and its
+    """A parameter that the drives do not determine: the share of its prior deviation that is `left`, and its
     `amplification`; `beside` names what it cannot be told apart from."""
 
     name: str
@@ -223,10 +225,10 @@ class Refusal:
 def refusals(found: Information, judged_by_curve: Collection[str] = ()) -> list[Refusal]:
     """Parameters that are not determined, or cannot be separated from others.
 
-    Of one that is told no more than `INFORMATION.determined_share` of its prior deviation is left. One whose deviation
-    is more than `INFORMATION.inseparable_ratio` times that alone cannot be told apart. Both are milder with those that
-    are `judged_by_curve`: a shape factor and a curvature make up one force curve, which may well be told where they are
-    not.
+    Of one that is determined no more than `INFORMATION.determined_share` of its prior deviation is left. One whose
+    deviation is more than `INFORMATION.inseparable_ratio` times that alone cannot be told apart. Both are milder with
+    those that are `judged_by_curve`: a shape factor and a curvature make up one force curve, which may well be
+    determined where they are not.
     """
     refused = []
     for i, (name, left, amplification) in enumerate(zip(found.names, found.left, found.amplification, strict=True)):

@@ -2,7 +2,7 @@
 
 A residual costs a simulation and its derivatives cost one for each free parameter, so slopes are secants that are
 taken seldom and learn from the steps in between (Broyden, 1965). Where parameters can stand in for one another the
-value has a curved valley: what a step that was too long missed tells how the valley bends, and a shorter one follows
+value has a curved valley: what a step that was too long missed shows how the valley bends, and a shorter one follows
 it. Residuals come in blocks (windows, recordings), so that a simulation may fail in some of them, and so that a fit
 can be judged without some of them.
 """
@@ -398,7 +398,7 @@ def _stepped(
 ) -> _Fitting:
     """A fit one step further along the slopes, which learn from it; the same fit if no step is better.
 
-    What a step that was too long missed tells how the way bends: a shorter one follows the arc (as the geodesic
+    What a step that was too long missed shows how the way bends: a shorter one follows the arc (as the geodesic
     acceleration of Transtrum and Sethna, 2012, does, with a second derivative that costs no simulation).
     """
     deviations = np.array([parameter.deviation for parameter in at.free_parameters])

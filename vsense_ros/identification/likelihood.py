@@ -158,8 +158,8 @@ class Likelihood:
             pieces += [part.sum(axis=1) for part in np.array_split(np.array(slopes), RINSING.pieces, axis=1)]
         return np.array(pieces), information
 
-    def told(self, drives: Sequence[Drive], values: Array, prior: Array, noise: bool = True) -> Information:
-        """What the drives tell of the parameters around `values` (p,), as `information.information`; with the factors
+    def information(self, drives: Sequence[Drive], values: Array, prior: Array, noise: bool = True) -> Information:
+        """What the drives say of the parameters around `values` (p,), as `information.information`; with the factors
         of the noise as unknown as they are."""
         pieces, scaled = self.scores(drives, values, prior, noise)
         p = len(values)
@@ -210,7 +210,7 @@ class Likelihood:
             values, self.factors, settled = new, factors, there - here < LIKELIHOOD.least_gain
             if settled:
                 break
-        return self.told(drives, values, prior, noise), Rinsed(values, settled, tuple(passes))
+        return self.information(drives, values, prior, noise), Rinsed(values, settled, tuple(passes))
 
     def _pass(self, drives: Sequence[Drive], before: Array, values: Array, seconds: float) -> Pass:
         """One iteration, as a pass of a filter."""

@@ -171,7 +171,7 @@ def tune(
 ) -> Tuning:
     """The vehicle with the noise numbers under which the recordings are likeliest.
 
-    A number of which they tell nothing stays where it is, by a prior of a factor of three. With `own_noise`, sensors
+    A number of which they say nothing stays where it is, by a prior of a factor of three. With `own_noise`, sensors
     whose messages state covariances are tuned as well, and no longer read them. Parameters that the observer would
     estimate keep the file's values. Runs are shared out to all processors. `progress` takes the share done.
     """

@@ -24,7 +24,7 @@ from vsense_ros.identification.identification import handling_identifier
 from vsense_ros.identification.recorded import RECORDED
 from vsense_ros.identification.rinsing import SENSOR, independent
 from vsense_ros.messages.recording import Sample
-from vsense_ros.model.sensors import Imu, telling
+from vsense_ros.model.sensors import Imu, best_measuring
 from vsense_ros.model.simulation.closed_loop import rolling_radii
 from vsense_ros.model.vehicle import Vehicle
 
@@ -64,7 +64,7 @@ class OnlineIdentification:
     def __init__(self, vehicle: Vehicle, stored: Path | None = None) -> None:
         sensors = vehicle.sensing()
         self._names = {
-            what: telling(sensors.items(), what) for what in ("steering", "rates and forces", "rolling speed")
+            what: best_measuring(sensors.items(), what) for what in ("steering", "rates and forces", "rolling speed")
         }
         for what, name in self._names.items():
             if name is None:

@@ -18,7 +18,7 @@ from vsense_ros.estimation.reading import Map, Reader
 from vsense_ros.identification.best import SETTINGS as BEST
 from vsense_ros.identification.rinsing import Drive, independent, low_passed
 from vsense_ros.messages.recording import Recording
-from vsense_ros.model.sensors import SensorBase, telling
+from vsense_ros.model.sensors import SensorBase, best_measuring
 from vsense_ros.model.simulation.closed_loop import rolling_radii
 from vsense_ros.model.vehicle import Vehicle
 
@@ -64,8 +64,8 @@ def signals(recording: Recording, vehicle: Vehicle) -> Signals:
     read = {key: found for key, one in sensors.items() if (found := _read(recording, one, on_map)) is not None}
     steering = _pick(read, sensors, "steering", name, "a steering angle, which drives every model")
     imu = _pick(read, sensors, "rates and forces", name, "accelerations and rates")
-    wheels = telling(((key, sensors[key]) for key in read), "rolling speed")
-    ground = telling(((key, sensors[key]) for key in read), "ground speed")
+    wheels = best_measuring(((key, sensors[key]) for key in read), "rolling speed")
+    ground = best_measuring(((key, sensors[key]) for key in read), "ground speed")
     if wheels is None and ground is None:
         raise InputError(f"{name}: expected wheel speeds or a GNSS velocity, found neither in the recording")
     begin = max(found[0][0] for key, found in read.items() if key in (steering, imu, wheels or ground))
@@ -127,7 +127,7 @@ def _joined(stamps: NDArray[np.int64], value: Array) -> tuple[NDArray[np.int64],
 
 
 def _pick(read: Mapping[str, object], sensors: Mapping[str, SensorBase], what: str, name: str, words: str) -> str:
-    found = telling(((key, sensors[key]) for key in read), what)  # type: ignore[arg-type]
+    found = best_measuring(((key, sensors[key]) for key in read), what)  # type: ignore[arg-type]
     if found is None:
         raise InputError(f"{name}: expected {words}; no sensor of the vehicle file gives it in this recording")
     return found
@@ -245,5 +245,5 @@ def _refuse_spin(one: Signals, stretch: slice) -> None:
         at = one.t[part][int(np.argmax(slip))]
         raise InputError(
             f"{one.name}: at {at:.1f} s the car turns {slip.max():.0f}° beyond its path within a second: a spin, in "
-            "which no parameter of its tyres can be told; leave that part out"
+            "which no parameter of its tyres can be determined; leave that part out"
         )

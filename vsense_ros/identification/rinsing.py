@@ -2,7 +2,7 @@
 
 Best & Bogdanski (2016) call a pass that starts from the parameters of the last one rinsing: the state starts anew at
 the first sample, the parameters go on. They make 200 passes; here it ends when the force curves of the tyres stand
-still. With the paper's settings, longer is not better: parameters that the drive does not tell creep away along a
+still. With the paper's settings, longer is not better: parameters that the drive does not determine creep away along a
 valley while everything that can be seen stands still.
 """
 
@@ -60,7 +60,7 @@ class Drive:
     start: Array
     begin: float = 0.0  # of the first sample, since the recording began [s]
     every: int = 1
-    noise: tuple[float, ...] = ()  # standard deviations of the outputs (m,), where the recording tells them
+    noise: tuple[float, ...] = ()  # standard deviations of the outputs (m,), where the recording has them
 
     @property
     def seconds(self) -> Array:

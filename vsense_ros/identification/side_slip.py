@@ -132,7 +132,7 @@ def fit_side_slip(
     weight.
 
     The mean error is the mounting angle of the reference, so it is taken out and `reference.yaw` changed by it. A free
-    parameter that the recordings do not tell anything about stays where it is: a departure by n deviations costs
+    parameter that the recordings say nothing about stays where it is: a departure by n deviations costs
     n² `prior`. Runs are shared out to all processors. `progress` takes the share done, of `iterations`.
     """
     settings = Settings(iterations, SIDE_SLIP.difference, range(iterations), SIDE_SLIP.longest_step, prior)
@@ -162,7 +162,7 @@ def _counted(progress: Progress | None, steps: int) -> Callable[[], None]:
 def side_slip_error(vehicle: Vehicle, recording: Recording) -> Array:
     """Estimate - reference at the stamps of the reference, thinned to `SIDE_SLIP.rate`, (n,) [rad].
 
-    Where the observer does not tell a side slip, it counts as having said zero: silence must not pay.
+    Where the observer does not estimate a side slip, it counts as having said zero: silence must not pay.
     """
     output = read_signals(at_reference(run(recording, vehicle, rate=SIDE_SLIP.rate).output, vehicle), "vsense")
     truth = read_signals(recording, "reference").get("side_slip")

@@ -1,7 +1,7 @@
 """The tracks of Leung 2010 (appendix C and table 4.12), at constant speed with a driver who cuts corners little.
 
 Names are those of the thesis with the speed in km/h: `double_oval_25`. The speed of the short tracks is 5 m/s, that of
-the hill 80 km/h. The length of the plain straight, and radius and angle of the turn on the hill, are not told there.
+the hill 80 km/h. The length of the plain straight, and radius and angle of the turn on the hill, are not given there.
 The figure of eight closes only if both of its arcs have a radius of 41.9 m; the thesis has 42 m and 43 m.
 """
 
@@ -60,7 +60,7 @@ SLALOM = (
 def hill() -> Track:
     """Up with a growing slope and bank, round a banked turn to the left, and down again (table 4.12).
 
-    In the turn its outer side is the higher one, which the thesis does not tell.
+    In the turn its outer side is the higher one, which the thesis does not say.
     """
     steep, tilted, banked = atan(0.15), -atan(0.05), -atan(0.15)
     up = (

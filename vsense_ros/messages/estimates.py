@@ -12,9 +12,9 @@ from vsense_ros.messages.recording import Sample
 
 Array = NDArray[np.float64]
 
-# Variance of what an estimate does not tell, whose value is zero: large in any unit, finite, and larger than any that
-# is told. A first element of -1, by which a message can be without a covariance, would take all other variances along.
-UNTOLD = 1e12
+# Variance of what an estimate does not have, whose value is zero: large in any unit, finite, and larger than any that
+# is given. A first element of -1, by which a message can be without a covariance, would take all other variances along.
+UNESTIMATED_VARIANCE = 1e12
 
 
 def odometry(

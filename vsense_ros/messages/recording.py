@@ -244,7 +244,7 @@ class Recording:
         return replace(self, channels=channels)
 
     def digest(self, topics: Iterable[str] | None = None) -> bytes:
-        """What tells copies from other recordings: SHA-256 of stamps and values, on all topics or those."""
+        """What distinguishes copies from other recordings: SHA-256 of stamps and values, on all topics or those."""
         found = sha256()
         for topic in sorted(self.channels if topics is None else topics):
             channel = self.channels[topic]

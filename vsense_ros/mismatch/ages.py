@@ -1,6 +1,6 @@
 """How much older than its stamps each sensor is, where that is more than any fit would find.
 
-Sensors of one car tell one motion: a gyro, the course of GNSS, a steered wheel and an accelerometer how it turns;
+Sensors of one car measure one motion: a gyro, the course of GNSS, a steered wheel and an accelerometer how it turns;
 wheels, GNSS, an accelerometer and wheel torques how it gains speed. Where one of them is late by tenths of a second, a
 simulation from its inputs is beside the car from the first bend on, sizes and signs seem wrong, and no small step of a
 fit leads to the truth. So lags are sought first, up to three seconds, by correlation, which asks neither for sizes nor
@@ -23,7 +23,7 @@ from vsense_ros.checks.lags import LONG_LAGS, match
 from vsense_ros.mismatch.windows import WINDOWS, Dataset, Readings, Window
 from vsense_ros.model.effects import EVERY
 from vsense_ros.model.effects.base import bounds
-from vsense_ros.model.sensors import SensorBase, Tells, telling
+from vsense_ros.model.sensors import MeasuredQuantity, SensorBase, best_measuring
 from vsense_ros.model.simulation.closed_loop import rolling_radii
 from vsense_ros.model.vehicle import Vehicle
 
@@ -115,8 +115,8 @@ def _late(lags: _Pairs) -> dict[Source, float]:
 def _motions(
     windows: Sequence[Window], sensors: Mapping[str, SensorBase], vehicle: Vehicle
 ) -> tuple[dict[Source, Array], dict[Source, Array]]:
-    """Turning [rad/s] and gain of speed [m/s²] of one recording, by who tells them, at common times with gaps between
-    the windows."""
+    """Turning [rad/s] and gain of speed [m/s²] of one recording, by what measures them, at common times with gaps
+    between the windows."""
     begin, end = min(w.begin for w in windows), max(w.end for w in windows)
     t = np.arange(begin, end, LAG_SEARCH.step)
     driven = np.zeros(len(t), dtype=bool)
@@ -128,8 +128,8 @@ def _motions(
     wheelbase = chassis.cog_to_front_axle + chassis.cog_to_rear_axle
     radius = float(np.mean(rolling_radii(vehicle)))
 
-    def of(what: Tells) -> tuple[str, SensorBase, Readings] | None:
-        name = telling(((n, sensors[n]) for n in dict.fromkeys(n for w in windows for n in w.readings)), what)
+    def of(what: MeasuredQuantity) -> tuple[str, SensorBase, Readings] | None:
+        name = best_measuring(((n, sensors[n]) for n in dict.fromkeys(n for w in windows for n in w.readings)), what)
         if name is None:
             return None
         return sensors[name].kind, sensors[name], _joined([w.readings[name] for w in windows if name in w.readings])

@@ -69,8 +69,8 @@ class ProfilePoint(_Part):
 
     stretch: float = _field("Number of the stretch of road that hangs together with others by no recording.", "-")
     distance: float = _field("Distance along that stretch.", "m")
-    latitude: float | None = _field("Latitude of the place, where GNSS tells it.", "°", default=None)
-    longitude: float | None = _field("Longitude of the place, where GNSS tells it.", "°", default=None)
+    latitude: float | None = _field("Latitude of the place, where GNSS has it.", "°", default=None)
+    longitude: float | None = _field("Longitude of the place, where GNSS has it.", "°", default=None)
     direction: float | None = _field("Direction of the road there, counter-clockwise from east.", "rad", default=None)
     value: float = _field("Added to the first of `parameters`.", "as the unit of that parameter")
     interval_90: Interval = _field("Limits of its 90 % interval.", "as the unit of that parameter")
@@ -176,7 +176,7 @@ class NextTest(_Part):
     manoeuvre: str = _field("Title of the manoeuvre.")
     id: str = _field("Name of the manoeuvre for `vsense simulate`.")
     opposite: bool = _field("Whether it is to be driven on the road of the recordings the other way.")
-    signal: str = _field("The signal that would tell most.")
+    signal: str = _field("The signal that would show most.")
     d_prime: float = _field("Predicted distance of the two effects that are told apart worst.", "standard deviations")
     information: float = _field("Expected log-likelihood ratio of these two.", "nat")
     pair: tuple[str, str] = _field("These two.")
@@ -233,7 +233,7 @@ def places(of: EffectEntry | ActingPart) -> list[str]:
 
 
 class OutOfReach(_Part):
-    """An effect of which these recordings tell nothing."""
+    """An effect of which these recordings say nothing."""
 
     id: str = _field("Id of the effect.")
     reason: str = _field("Why, in words.")
@@ -322,7 +322,7 @@ class ObserverFigures(_Part):
     log_likelihood: float = _field("Log-likelihood of the measurements per message.", "nat")
     sensors: dict[str, SensorFigures] = _field("By sensor.")
     errors: dict[str, ObserverError] = _field("Errors by signal; empty without a reference.")
-    reference: ReferencePlace | None = _field("The mounting of the reference; null where none tells it.")
+    reference: ReferencePlace | None = _field("The mounting of the reference; null where it is unknown.")
 
 
 class ObserverComparison(_Part):
@@ -362,7 +362,7 @@ class Answer(_Part):
     remarks: tuple[str, ...] = _field("What else a reader has to know.")
     located: Located = _field("Where model and recordings differ.")
     effects: tuple[EffectEntry, ...] = _field("All effects that were fitted, those of the answer first.")
-    out_of_reach: tuple[OutOfReach, ...] = _field("Effects of which these recordings tell nothing.")
+    out_of_reach: tuple[OutOfReach, ...] = _field("Effects of which these recordings say nothing.")
     answer_set: tuple[str, ...] = _field("Ids of all effects in `rivals`.")
     rivals: tuple[tuple[str, ...], ...] = _field(
         "Ids of the effects of each explanation that remains, the best first; one explanation where it is named."

@@ -86,7 +86,7 @@ def _in_doubt(answer: Answer) -> str:
     shared = [id for id in answer.answer_set if all(id in effects for effects in answer.rivals)]
     others = [[id for id in effects if id not in shared] for effects in answer.rivals]
     choices = [" with ".join(BY_ID[id].sentence for id in effects) for effects in others if effects]
-    doubt = f"these recordings cannot tell which it is: {', or '.join(dict.fromkeys(choices))}."
+    doubt = f"these recordings cannot determine which it is: {', or '.join(dict.fromkeys(choices))}."
     if not shared:
         return doubt[0].upper() + doubt[1:]
     return f"The model leaves out {' and '.join(BY_ID[id].sentence for id in shared)}; what besides, {doubt}"

@@ -19,7 +19,7 @@ from vsense_ros.mismatch.data_quality import Drive
 from vsense_ros.mismatch.windows import Dataset
 from vsense_ros.model.effects import EVERY
 from vsense_ros.model.effects.gnss_lever_arm import GnssLeverArm
-from vsense_ros.model.sensors import telling
+from vsense_ros.model.sensors import best_measuring
 from vsense_ros.model.vehicle import Vehicle
 
 
@@ -75,7 +75,7 @@ def _antenna(dataset: Dataset, vehicle: Vehicle) -> Sequence[Beforehand]:
     The speed over ground over that of the wheels is, at a curvature κ, 1 + e − y κ + b κ²: e is the error of the tyre
     radius, y the place of the antenna, and b what slip and steered wheels add in bends to either side.
     """
-    name = telling(dataset.sensors.items(), "course")
+    name = best_measuring(dataset.sensors.items(), "course")
     if name is None:
         return ()
     ratios, bends = [], []

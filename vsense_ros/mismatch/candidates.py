@@ -136,7 +136,7 @@ def shapes(candidate: Candidate, values: Values) -> tuple[FreeParameter, ...]:
 
 
 def out_of_reach(kinds: Collection[str]) -> dict[str, str]:
-    """Effects by id that recordings of these kinds of sensors can tell nothing about, with the reason."""
+    """Effects by id that recordings of these kinds of sensors can say nothing about, with the reason."""
     missing = {id: [kind for kind in effect.needs if kind not in kinds] for id, effect in BY_ID.items()}
     return {
         id: f"it needs {' and '.join(words_of(kind) for kind in lacking)}, which these recordings do not have"

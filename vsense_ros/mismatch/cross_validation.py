@@ -54,7 +54,7 @@ class Folds:
 
     def gains(self, fitted: NormalEquations, whole: float) -> tuple[float, float]:
         """The cross-validation gain of a fit: how much less than the base it leaves of groups that were dropped, over a
-        `whole`, and over what the base leaves of them. The linear model may be far off where one group alone tells
+        `whole`, and over what the base leaves of them. The linear model may be far off where one group alone determines
         of a parameter: over the whole, no group counts for more than its own value."""
         falls = self.unseen - [fitted.out_of_sample(group) for group in self.groups]
         most = np.maximum(self.unseen, self.own)

@@ -33,7 +33,7 @@ from vsense_ros.mismatch.candidates import BASE
 from vsense_ros.mismatch.residuals import Residuals
 from vsense_ros.mismatch.spoilt import readings_of, spoilt_stretches
 from vsense_ros.mismatch.windows import Dataset, Readings, Window
-from vsense_ros.model.sensors import SensorBase, Tells, telling
+from vsense_ros.model.sensors import MeasuredQuantity, SensorBase, best_measuring
 from vsense_ros.model.simulation.closed_loop import rolling_radii
 from vsense_ros.model.vehicle import Vehicle
 
@@ -198,7 +198,7 @@ def _too_little(dataset: Dataset, drives: Sequence[Drive]) -> Iterator[str]:
             f"the car does nothing but go straight ahead at constant speed (at most {lateral:.2f} m/s² lateral and "
             f"{longitudinal:.2f} m/s² longitudinal)"
         )
-    if not any("rates and forces" in dataset.sensors[name].tells for w in dataset.windows for name in w.readings):
+    if not any("rates and forces" in dataset.sensors[name].measures for w in dataset.windows for name in w.readings):
         yield "; ".join(
             ["there are no inertial measurements, with which a simulation could be compared", *dataset.remarks]
         )
@@ -326,7 +326,7 @@ def _unrelated(drive: Drive, name: str, sensors: Mapping[str, SensorBase]) -> It
     an axis or a clock is wrong."""
     gentle = np.where(np.abs(drive.turning) < SETTINGS.gripping, 1.0, np.nan)
     bend = drive.wheelbase * drive.yaw_rate / drive.speed * gentle
-    relations: tuple[tuple[str, Tells, tuple[int, ...], Array, str, Array, float, float, float], ...] = (
+    relations: tuple[tuple[str, MeasuredQuantity, tuple[int, ...], Array, str, Array, float, float, float], ...] = (
         ("lateral acceleration", "rates and forces", (4,), drive.lateral,
          "speed times yaw rate", drive.turning, 0.5, 0.5, 2.0),
         ("road-wheel angle", "steering", (), drive.steering,
@@ -336,9 +336,9 @@ def _unrelated(drive: Drive, name: str, sensors: Mapping[str, SensorBase]) -> It
         ("wheel torque over radius and mass", "torques", (), drive.drive,
          "change of the speed", drive.speed_rate, 0.5, 0.3, 3.0),
     )  # fmt: skip
-    for what, tells, components, measured, other, expected, least, low, high in relations:
+    for what, quantity, components, measured, other, expected, least, low, high in relations:
         if contradiction := _contradiction(measured, expected, least, (low, high)):
-            sensor = telling(sensors.items(), tells)
+            sensor = best_measuring(sensors.items(), quantity)
             topic = "" if sensor is None else sensors[sensor].topic
             yield Hindrance(f"in {name} the {what} {contradiction.format(other=other)}", topic, components)
 
@@ -410,9 +410,9 @@ def _over_rolling(drive: Drive, steady: NDArray[np.bool_]) -> list[float]:
     return [float(np.polyfit(bent, ratio, 1)[1])]
 
 
-def _speed(t: Array, window: Window, sensors: Mapping[str, SensorBase], what: Tells, radius: float) -> Array:
-    """Means of the speed that a sensor tells in a window around the times `t` [s]; NaN where there is none."""
-    name = telling(((name, sensors[name]) for name in window.readings), what)
+def _speed(t: Array, window: Window, sensors: Mapping[str, SensorBase], what: MeasuredQuantity, radius: float) -> Array:
+    """Means of the speed that a sensor measures in a window around the times `t` [s]; NaN where there is none."""
+    name = best_measuring(((name, sensors[name]) for name in window.readings), what)
     if name is None:
         return np.full(len(t), np.nan)
     found = window.readings[name]

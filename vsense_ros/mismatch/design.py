@@ -89,7 +89,7 @@ class Separation:
 
     test: Option
     distance: float  # d′ [-]
-    signal: str  # that tells most of it
+    signal: str  # that shows most of it
     pair: tuple[str, str]
 
     @property
@@ -234,7 +234,7 @@ def printed(found: Sequence[Separation], console: Console) -> None:
     """Print how well each test tells the rivals apart, and which to drive."""
     table = Table(box=None, pad_edge=False, header_style="bold", padding=(0, 1))
     several = len({name for one in found for name in one.pair}) > 2
-    for name in ("next test", "signal that tells", "d′", "information", *(["least apart"] if several else [])):
+    for name in ("next test", "signal that shows it", "d′", "information", *(["least apart"] if several else [])):
         table.add_column(name, justify="right" if name in ("d′", "information") else "left")
     for one in found:
         information = f"{one.information:.3g} nat"

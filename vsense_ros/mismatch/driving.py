@@ -19,7 +19,7 @@ from vsense_ros.model.constants import GRAVITY
 from vsense_ros.model.coordinates import INPUTS as INPUT_NAMES
 from vsense_ros.model.coordinates import SPIN, STEERING, TORQUES, YAW, Y
 from vsense_ros.model.effects.base import AXLES
-from vsense_ros.model.sensors import SensorBase, Tells, telling
+from vsense_ros.model.sensors import MeasuredQuantity, SensorBase, best_measuring
 from vsense_ros.model.simulation.closed_loop import rolling_radii, rolling_straight
 from vsense_ros.model.simulation.open_loop import Inputs, Run
 from vsense_ros.model.vehicle import Vehicle
@@ -95,9 +95,9 @@ class Drives:
         )
         return [next(filter(None, names), "") for names in candidates]
 
-    def sensor_that_measures(self, names: Iterable[str], what: Tells) -> str | None:
+    def sensor_that_measures(self, names: Iterable[str], what: MeasuredQuantity) -> str | None:
         """Name of the one of these sensors that measures something; None if none does."""
-        return telling(((name, self.dataset.sensors[name]) for name in names), what)
+        return best_measuring(((name, self.dataset.sensors[name]) for name in names), what)
 
     @cached_property
     def _usual_rolling(self) -> list[tuple[Array, Array]]:
@@ -108,7 +108,7 @@ class Drives:
         a car whose tyres slip then moves, where the speed is older than its stamps say [s]."""
         window = self.dataset.windows[index]
         speed = np.interp(middle_of_steps(window) + late, window.speed.t, window.speed.value[:, 0])
-        if "rolling speed" in self.dataset.sensors[self._speedometer[index]].tells:
+        if "rolling speed" in self.dataset.sensors[self._speedometer[index]].measures:
             return speed, _of_the_car(speed)
         acceleration = np.gradient(speed, PREDICTION.step)
         return speed * (1 + acceleration / (PREDICTION.slip_stiffness * GRAVITY)), acceleration

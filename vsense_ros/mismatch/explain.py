@@ -61,7 +61,7 @@ if TYPE_CHECKING:
     from rich.console import Console
 
 ABLATIONS = ("no_refit", "no_projection", "chi2_thresholds")
-# [s] of driving that is fitted at most, and as much that it is proven on: more of it takes hours and tells little more.
+# [s] of driving that is fitted at most, and as much that it is proven on: more of it takes hours and shows little more.
 LONGEST_FITTED = 900.0
 STAGES = len(BASE) * 3 + 70  # steps of the progress, about
 EXTENDED, ROAD = "vehicle.extended.yaml", "road.csv"
@@ -122,7 +122,7 @@ def _or_empty(value: float | None) -> float | str:
 
 
 class NotAssessableError(Exception):
-    """Nothing can be said of the recordings; the message tells why."""
+    """Nothing can be said of the recordings; the message says why."""
 
 
 def explain_recordings(
@@ -252,7 +252,7 @@ class _Explainer:
         return Explanation(self.answer, _traces(search, base, validation))
 
     def _out_of_reach(self, kinds: Collection[str]) -> dict[str, str]:
-        """Effects that these kinds of sensors tell nothing of, with the reason."""
+        """Effects that these kinds of sensors say nothing of, with the reason."""
         beyond = out_of_reach(kinds)
         if lacking := [f"{id}: {beyond[id]}" for id in self._assume if id in beyond]:
             raise NotAssessableError("; ".join(lacking))

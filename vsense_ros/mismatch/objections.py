@@ -18,7 +18,8 @@ from vsense_ros.model.effects.base import RoadEffect
 MIGHT_BE_ZERO = "its size might as well be zero"
 OUTDONE = "a term without known physics explains clearly more"
 ANOTHER_ROAD = (
-    "what was held out is of another road, and too short or too level to tell of this one; it may join what is fitted"
+    "what was held out is of another road, and too short or too level to say anything of this one; "
+    "it may join what is fitted"
 )
 LEAVES_TOO_MUCH = "it leaves too much over to be what lacks"
 DISAGREED = "signals and recordings disagree in its size"
@@ -103,7 +104,7 @@ class Objections:
         """Objection that its size may be zero, or that its residual is too large; empty for none."""
         if any(not issubclass(EVERY[c.effect], RoadEffect) for c in self._negligible(e)):
             return MIGHT_BE_ZERO
-        # That the road is not level or even, one size tells; what it is where may be another at every place.
+        # That the road is not level or even, one size shows; what it is where may be another at every place.
         if self._negligible(e) or self.validation.unmended(e):
             e = self.with_profile(e) or e
         if self.validation.fitted.level(e.fit.residuals) >= self.thresholds.left_over:

@@ -3,8 +3,8 @@
 An observer lives with a model that is a little wrong: it doubts it, by its noise levels. So each vehicle is judged with
 noise levels that fit it, found on the recordings that were fitted. How likely the measurements of the held-out
 recordings are to it, each given all before it, needs no reference (Schweppe 1965); where a recording has a reference,
-errors against it are told besides, with the reference where the vehicle file puts it, and where the recording does: how
-a reference is mounted is nothing that an observer can know.
+errors against it are reported besides, with the reference where the vehicle file puts it, and where the recording does:
+how a reference is mounted is nothing that an observer can know.
 """
 
 from __future__ import annotations
@@ -43,7 +43,7 @@ Array = NDArray[np.float64]
 class ObserverComparisonSettings:
     """How the observer is compared with and without the effects of an answer: decisions of this project."""
 
-    # [s] of what was fitted, from which noise levels are found: more tells hardly more of a dozen numbers
+    # [s] of what was fitted, from which noise levels are found: more says hardly more of a dozen numbers
     tuned_on: float = 150.0
     judged_on: float = 900.0  # [s] of what was held out
     iterations: int = 3  # of that search: beyond them levels change by less than they matter
@@ -57,7 +57,14 @@ COMPARISON = ObserverComparisonSettings()
 
 BODY = ("vertical", "roll", "pitch", "suspension")  # force errors that change together
 ALONG = ("longitudinal", "wheel_spin", "grade", "grade_change")  # what acts along the car
-TOLD = ("side_slip", "lateral_velocity", "yaw_rate", "roll", "pitch", "speed")  # signals of which errors are told
+REPORTED = (
+    "side_slip",
+    "lateral_velocity",
+    "yaw_rate",
+    "roll",
+    "pitch",
+    "speed",
+)  # signals of which errors are reported
 PROVING = ("side_slip", "lateral_velocity")  # those for which observers are run
 CONSTANT = ("roll", "pitch")  # whose constant the mounting of a reference shifts
 
@@ -200,12 +207,12 @@ def _by_sensor(found: _Found, before: _Found, credible: _Credible) -> dict[str, 
         whitened = np.concatenate([one.whitened[of] for one, _, of in parts])
         squares = np.nansum(np.concatenate([_sizes(one, of) ** 2 for one, _, of in parts]), axis=0)
         squares_before = np.nansum(np.concatenate([_sizes(was, of) ** 2 for _, was, of in parts]), axis=0)
-        told = (squares > 0) & (squares_before > 0)
-        ratio = np.sqrt(squares[told] / squares_before[told])
+        known = (squares > 0) & (squares_before > 0)
+        ratio = np.sqrt(squares[known] / squares_before[known])
         result[name] = SensorFigures(
             messages=count,
             log_likelihood=density / max(count, 1),
-            innovation=float(np.exp(np.mean(np.log(ratio)))) if told.any() else 1.0,
+            innovation=float(np.exp(np.mean(np.log(ratio)))) if known.any() else 1.0,
             nis=float(np.nanmean(whitened**2)),
         )
     return result
@@ -239,7 +246,7 @@ def _against_reference(recordings: Sequence[Recording], vehicle: Vehicle) -> _Ag
         moved = vehicle.model_copy(update={"reference": mounting})
     fitted = [compare(at_reference(o, moved), r) for o, r in zip(outputs, referenced, strict=True)]
     errors = {}
-    for name in TOLD:
+    for name in REPORTED:
         both = [(one[name], two[name]) for one, two in zip(stated, fitted, strict=True) if name in one and name in two]
         if both:
             errors[name] = ObserverError(
@@ -262,7 +269,7 @@ def fitted_place(
     outputs: Sequence[Recording], recordings: Sequence[Recording], vehicle: Vehicle
 ) -> ReferencePlace | None:
     """Where on the car the reference is, and how far its axes are turned, by what it says of the car's velocity: by
-    linear least squares. None where it tells none."""
+    linear least squares. None where it determines none."""
     parts = []
     for output, recording in zip(outputs, recordings, strict=True):
         estimates, truths = read_signals(output, "vsense"), read_signals(recording, "reference")
@@ -304,24 +311,24 @@ def _judged(found: ObserverComparison) -> tuple[bool, str]:
         if name in extended.errors
         and extended.errors[name].without_constant > COMPARISON.worse * was.errors[name].without_constant
     ]
-    told = (
+    figures = (
         f"on {on} the log-likelihood per message changes by {_signed(gained)}; other noise levels alone change it by "
         f"{_signed(by_noise)}"
     )
     if "side_slip" in extended.errors and "side_slip" in was.errors:
         before, after = (np.degrees(one.errors["side_slip"].without_constant) for one in (was, extended))
         alone = np.degrees(retuned.errors["side_slip"].without_constant)
-        told += (
+        figures += (
             f"; the side slip is wrong by {after:.3f}° instead of {before:.3f}° (with other noise levels alone by "
             f"{alone:.3f}°), the mounting of the reference fitted"
         )
     if rises and by_model and not grown:
-        return True, f"The observer is better with the extended file: {told}."
+        return True, f"The observer is better with the extended file: {figures}."
     if grown:
         worse = f"its {' and '.join(grown)} {'is' if len(grown) == 1 else 'are'} worse"
     else:
         worse = "other noise levels alone do as much for it" if rises else "measurements are no likelier to it"
-    return False, f"The observer is not better with the extended file, as {worse}: {told}."
+    return False, f"The observer is not better with the extended file, as {worse}: {figures}."
 
 
 def _changed(extended: ObserverFigures, retuned: ObserverFigures) -> float:

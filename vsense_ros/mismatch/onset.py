@@ -119,8 +119,8 @@ class OnsetSearch:
         left = [r + s @ change + size * m for r, s, m in zip(self.at.residuals, self.at.slopes, cut, strict=True)]
         bound = ONSET.likelihood_ratio * self._noise(secant, left)
         within = [self._begin(passages, begins, place, bound) for place in range(len(passages))]
-        told = tuple(one for one in within if one is not None)
-        return Onset(candidate, value, gain / self._whole, float(always) / self._whole, told, left)
+        onsets = tuple(one for one in within if one is not None)
+        return Onset(candidate, value, gain / self._whole, float(always) / self._whole, onsets, left)
 
     def _starts(self, passages: Sequence[_Passage]) -> Iterator[list[int]]:
         """Times to begin the search from: always, never, and in each recording that which explains most there by an

@@ -170,9 +170,9 @@ def bending(
     """What grade and bank of a surface change by along the way [rad/m], as `GRADE_CHANGE` and `BANK_CHANGE`, (n,) each.
 
     `slopes` are those along and across a car [rad] that has `turned` so far (n,) [rad], `changes` what these change by
-    from place to place [rad/m]; `curvature` (n,) is that of the road [1/m]. The axes in which slopes are told turn with
-    the road (a Darboux frame on the surface): what they change by on a plane is no bend of it, and a bend of constant
-    bank is a cone, which is bent.
+    from place to place [rad/m]; `curvature` (n,) is that of the road [1/m]. The axes in which slopes are given turn
+    with the road (a Darboux frame on the surface): what they change by on a plane is no bend of it, and a bend of
+    constant bank is a cone, which is bent.
     """
     along, across = slopes(turned)
     left, right = (slopes(turned + by) for by in (ROAD_SETTINGS.difference, -ROAD_SETTINGS.difference))

@@ -71,7 +71,7 @@ def predict_road(residuals: Residuals, before: Sequence[Array], found: Fit) -> R
             size, [at for at in residuals.predictor.dataset.points if (size.name, at) not in known]
         )
     ]
-    # A slope at one place bends the road beside it, which no share of the slope everywhere tells.
+    # A slope at one place bends the road beside it, which no share of the slope everywhere describes.
     columns = slopes_by(residuals, found.parameter_set, unknown, free_parameters, EFFORT.secant)
     slopes = [np.column_stack(parts) for parts in zip(*columns, strict=True)]
     begin = Fit(

@@ -34,20 +34,21 @@ def most_telling(dataset: Dataset, duration: float) -> Dataset:
     lengths = [w.end - w.begin - WINDOWS.run_in for w in dataset.windows]
     if sum(lengths) <= duration:
         return dataset
-    steering = {name for name, sensor in dataset.sensors.items() if "steering" in sensor.tells}
-    told = _standardised(
+    steering = {name for name, sensor in dataset.sensors.items() if "steering" in sensor.measures}
+    described = _standardised(
         [_description(w, next(w.readings[name] for name in steering & w.readings.keys())) for w in dataset.windows]
     )
     parts: list[set[int | str]] = [{w.recording, *w.readings} for w in dataset.windows]
-    known, left = np.eye(told[0].shape[1]), duration
+    known, left = np.eye(described[0].shape[1]), duration
     chosen: list[int] = []
     missing = set[int | str]().union(*parts)
     while fitting := [i for i, length in enumerate(lengths) if i not in chosen and length <= left]:
         worth = {
-            i: (len(missing & parts[i]), float(np.linalg.slogdet(known + told[i].T @ told[i])[1])) for i in fitting
+            i: (len(missing & parts[i]), float(np.linalg.slogdet(known + described[i].T @ described[i])[1]))
+            for i in fitting
         }
         best = max(fitting, key=worth.__getitem__)
-        known = known + told[best].T @ told[best]
+        known = known + described[best].T @ described[best]
         left -= lengths[best]
         missing -= parts[best]
         chosen.append(best)
@@ -65,7 +66,7 @@ def most_telling(dataset: Dataset, duration: float) -> Dataset:
 
 
 def _description(window: Window, steering: Readings) -> Array:
-    """What tells without a model how a window differs from others, (instants, 7): the time since the recording began,
+    """How a window differs, without a model, from others, (instants, 7): the time since the recording began,
     speed, its square and its rate, steering angle, its rate, and angle times squared speed (lateral acceleration)."""
     t = np.arange(window.begin + WINDOWS.run_in, window.end, SELECTION.sampling)
     known = np.isfinite(steering.value[:, 0])
@@ -84,8 +85,8 @@ def _description(window: Window, steering: Readings) -> Array:
     )
 
 
-def _standardised(told: Sequence[Array]) -> list[Array]:
+def _standardised(described: Sequence[Array]) -> list[Array]:
     """Values with mean 0 and standard deviation 1 over all windows."""
-    every = np.concatenate(told)
+    every = np.concatenate(described)
     mean, deviation = every.mean(axis=0), np.maximum(every.std(axis=0), 1e-9)
-    return [(one - mean) / deviation for one in told]
+    return [(one - mean) / deviation for one in described]

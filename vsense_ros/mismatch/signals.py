@@ -18,7 +18,7 @@ from scipy.signal import butter, sosfiltfilt
 from vsense_ros.checks.held import period_of_updates
 from vsense_ros.checks.noise import white_noise
 from vsense_ros.mismatch.windows import WINDOWS, Readings, Window
-from vsense_ros.model.sensors import SensorBase, compared_signals, telling
+from vsense_ros.model.sensors import SensorBase, best_measuring, compared_signals
 
 Array = NDArray[np.float64]
 
@@ -89,7 +89,7 @@ def _made(
         sensor: found for sensor, found in readings.items()
         if found.t[0] <= window.begin + 1.0 and found.t[-1] >= window.end - 1.0
     }  # fmt: skip
-    inertial = telling(((name, sensors[name]) for name in whole), "rates and forces")
+    inertial = best_measuring(((name, sensors[name]) for name in whole), "rates and forces")
     heading = None if inertial is None else _heading(whole[inertial])
     for sensor, found in whole.items():
         for signal in sensors[sensor].signals:

@@ -119,7 +119,7 @@ class Predictor:
         for window in self.dataset.windows:
             slips = False
             for name, readings in window.readings.items():
-                if "rolling speed" not in self.dataset.sensors[name].tells:
+                if "rolling speed" not in self.dataset.sensors[name].measures:
                     continue
                 speed = readings.value[np.isfinite(readings.value).all(axis=1)] * self.radius
                 usual = np.median(speed, axis=1, keepdims=True)
@@ -262,7 +262,7 @@ class Predictor:
         return replace(run, inputs=run.inputs.first(round((end - self.dataset.windows[index].begin) / PREDICTION.step)))
 
     def _rested(self, memory: Array, duration: float) -> Array:
-        """What lasts of the memory of all effects after a while [s] that no window tells of."""
+        """What lasts of the memory of all effects after a while [s] that no window shows."""
         found = memory.copy()
         for id, part in self.car.internal_state_slices.items():
             found[part] = effect_of(self.start, id).relaxed(memory[part], duration)

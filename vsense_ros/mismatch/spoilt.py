@@ -17,7 +17,7 @@ from vsense_ros.checks.aligned import means_around, runs_of_equal_values, stretc
 from vsense_ros.checks.setting import JUDGEMENT, setting
 from vsense_ros.messages.recording import Recording
 from vsense_ros.mismatch.windows import WINDOWS, Dataset, Readings, Spoilt, Window, build_dataset
-from vsense_ros.model.sensors import Response, SensorBase, Tells, telling
+from vsense_ros.model.sensors import MeasuredQuantity, Response, SensorBase, best_measuring
 from vsense_ros.model.vehicle import Vehicle
 
 Array = NDArray[np.float64]
@@ -196,7 +196,7 @@ def _held_at(runs: Sequence[_Run], end: float, least: float, reason: str) -> Ite
 
 def _clipped(windows: Sequence[Window], sensors: Mapping[str, SensorBase]) -> Iterator[Spoilt]:
     """A steering angle that stays again and again at the ends of its range, and nowhere else."""
-    for name in sorted({name for w in windows for name in w.readings if "steering" in sensors[name].tells}):
+    for name in sorted({name for w in windows for name in w.readings if "steering" in sensors[name].measures}):
         parts = [(w, *_present(w.readings[name], 0)) for w in windows if name in w.readings]
         parts = [part for part in parts if len(part[1])]
         if not parts or len(np.unique(np.concatenate([value for _, value, _ in parts]))) < SETTINGS.coarse:
@@ -243,9 +243,9 @@ def _spans(t: Array, where: NDArray[np.bool_]) -> list[tuple[float, float]]:
     return [(float(t[first]), float(t[end - 1])) for first, end in stretches(where)]
 
 
-def readings_of(window: Window, sensors: Mapping[str, SensorBase], what: Tells) -> Readings | None:
+def readings_of(window: Window, sensors: Mapping[str, SensorBase], what: MeasuredQuantity) -> Readings | None:
     """The readings of a window by the sensor that measures something; None without one."""
-    name = telling(((name, sensors[name]) for name in window.readings), what)
+    name = best_measuring(((name, sensors[name]) for name in window.readings), what)
     return None if name is None else window.readings[name]
 
 

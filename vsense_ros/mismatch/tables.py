@@ -27,7 +27,7 @@ from vsense_ros.model.effects import BY_ID
 
 MOST_PARAMETERS = 6  # of an effect that are listed; a profile of a road has dozens
 TOGETHER = {2: "both", 3: "all three", 4: "all four", 5: "all five", 6: "all six"}
-# Of base parameters that no vehicle file has: the offset at which they are zero. They are told as they are, not as a
+# Of base parameters that no vehicle file has: the offset at which they are zero. They are given as they are, not as a
 # change.
 ZERO_AT = {parameter.name: parameter.low for parameter in UNKNOWN_TORQUES}
 

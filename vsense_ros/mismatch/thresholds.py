@@ -18,7 +18,7 @@ KEYS = {"value", "unit", "meaning", "source"}  # of each threshold in the file
 
 @dataclass(frozen=True)
 class Thresholds:
-    """What the verdict is decided by; the file tells unit, meaning and source of each."""
+    """What the verdict is decided by; the file states unit, meaning and source of each."""
 
     least_gain: float
     short_driving: float
@@ -42,7 +42,7 @@ class Thresholds:
     noise_level: float
     mended: float
     disagreement: float
-    untold_change: float
+    unnoticed_change: float
     least_telling: float
     many_windows: int
     remarkable_gain: float

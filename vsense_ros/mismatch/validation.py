@@ -145,7 +145,7 @@ class Validation:
         return Comparison(residuals, fitted, before, after)
 
     def lost(self, fitted: Fit) -> list[str]:
-        """Remarks on windows in which the car of a fit gets lost: they tell nothing of it from there on."""
+        """Remarks on windows in which the car of a fit gets lost: they say nothing of it from there on."""
         return [
             f"{w.name}: from {lost:.0f} to {w.end:.0f} s what was found is not judged: {LOST}"
             for predictor in (r.predictor for r in (self.fitted, self.residuals) if r is not None)
@@ -173,7 +173,7 @@ class Validation:
             without = with_offsets(start, at.free_parameters, np.where(sizes, 0.0, at.offsets))
             both = (self.residuals(one, self.before) for one in (at.parameter_set, without))
             change = self.residuals.deviations([one - other for one, other in zip(*both, strict=True)])
-            self._traces[hypothesis] = max(change.values(), default=0.0) > self.thresholds.untold_change
+            self._traces[hypothesis] = max(change.values(), default=0.0) > self.thresholds.unnoticed_change
         return self._traces[hypothesis]
 
     def _gains(self, hypothesis: Hypothesis) -> ValidationGains | None:
@@ -269,8 +269,8 @@ class Validation:
             was, rest = (rows.reshape(len(names), -1) for rows in (old, new))
             change = rest - was
             size = np.sum(change**2, axis=1)
-            told = size > max(self.thresholds.untold_change**2 * change.shape[1], of_others * float(size.max()))
-            besides = float(np.sum(np.sum(rest[told] * change[told], axis=1) ** 2 / size[told]))
+            known = size > max(self.thresholds.unnoticed_change**2 * change.shape[1], of_others * float(size.max()))
+            besides = float(np.sum(np.sum(rest[known] * change[known], axis=1) ** 2 / size[known]))
             found.append((besides, cost([old]) - cost([new])))
         return found
 

@@ -133,7 +133,7 @@ def judge(
 ) -> Judged:
     """The verdict on `hypotheses`, which are effects, alone and several at once, and on `terms` without known physics.
 
-    `with_profile` tells what an explanation with one size for all of the road becomes if that is another at every
+    `with_profile` is what an explanation with one size for all of the road becomes if that is another at every
     place. `least_gain` is what an effect needs to gain on so much driving; that of `thresholds` where it is not given.
     """
     least = thresholds.least_gain if least_gain is None else least_gain
@@ -177,7 +177,7 @@ class _Judge:
             self.best.setdefault(frozenset(e.effects), e)
             if len(e.candidates) == 1:
                 first = self.ranked.setdefault(e.effects[0], e)
-                # Of a road that the unseen recordings never come to, these prove neither form: the likelier is told.
+                # Of a road that the unseen recordings never come to, these prove neither form: the likelier is named.
                 along = any(candidate.along_road for candidate in e.candidates)
                 if along and max(self.proven[first], self.proven[e]) <= least_gain < e.score > first.score:
                     self.ranked[e.effects[0]] = e

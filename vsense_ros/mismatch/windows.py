@@ -18,7 +18,7 @@ from vsense_ros.checks.aligned import stretches
 from vsense_ros.estimation.reading import Map, Reader
 from vsense_ros.messages.recording import Recording
 from vsense_ros.mismatch.road import ROAD_SETTINGS, Road, points
-from vsense_ros.model.sensors import SensorBase, Tells, telling, unheard
+from vsense_ros.model.sensors import MeasuredQuantity, SensorBase, best_measuring, unheard
 from vsense_ros.model.simulation.closed_loop import rolling_radii
 from vsense_ros.model.vehicle import Vehicle
 
@@ -45,8 +45,8 @@ class WindowSettings:
 WINDOWS = WindowSettings()
 
 LEFT_OUT = "the recording is left out"
-SPEEDS: tuple[Tells, ...] = ("rolling speed", "ground speed")  # the best first
-INPUTS: tuple[Tells, ...] = ("steering", "torques")
+SPEEDS: tuple[MeasuredQuantity, ...] = ("rolling speed", "ground speed")  # the best first
+INPUTS: tuple[MeasuredQuantity, ...] = ("steering", "torques")
 
 
 @dataclass(frozen=True)
@@ -177,7 +177,7 @@ def build_dataset(
         found_sensors = {sensor: sensors[sensor] for sensor in readings}
         silent = "; ".join(unheard(recording.channels, sensors.values(), vehicle.name))
         silent = f" ({silent})" if silent else ""
-        if telling(found_sensors.items(), "steering") is None:
+        if best_measuring(found_sensors.items(), "steering") is None:
             remarks.append(f"{name}: no steering angle, which drives the model{silent}; {LEFT_OUT}")
             continue
         speed = _speed(readings, found_sensors, vehicle)
@@ -261,16 +261,16 @@ def _at_one_time(t: Array, value: Array, older: Array) -> Array:
     return found
 
 
-def _of(readings: Mapping[str, Readings], sensors: Mapping[str, SensorBase], what: Tells) -> Readings | None:
-    """The measurements that tell something, if there are any."""
-    name = telling(((name, sensors[name]) for name in readings), what)
+def _of(readings: Mapping[str, Readings], sensors: Mapping[str, SensorBase], what: MeasuredQuantity) -> Readings | None:
+    """The measurements of something, if there are any."""
+    name = best_measuring(((name, sensors[name]) for name in readings), what)
     return None if name is None else readings[name]
 
 
 def _speed(readings: Mapping[str, Readings], sensors: Mapping[str, SensorBase], vehicle: Vehicle) -> Readings | None:
     """Speed from the wheels, else over ground."""
     for what in SPEEDS:
-        name = telling(sensors.items(), what)
+        name = best_measuring(sensors.items(), what)
         if name is None:
             continue
         found = readings[name]
@@ -409,10 +409,10 @@ def _driving(
 
 def _told(t: Array, times: Array) -> NDArray[np.bool_]:
     """Which of the times (n,) are not within a gap between messages at other `times` (m,) [s]."""
-    told = np.ones(len(t), dtype=bool)
+    between = np.ones(len(t), dtype=bool)
     for gap in np.flatnonzero(np.diff(times) > WINDOWS.largest_gap):
-        told &= (t <= times[gap]) | (t >= times[gap + 1])
-    return told
+        between &= (t <= times[gap]) | (t >= times[gap + 1])
+    return between
 
 
 def _cut(readings: Readings, first: float, last: float) -> Readings:
@@ -421,7 +421,7 @@ def _cut(readings: Readings, first: float, last: float) -> Readings:
 
 
 def _spanning(readings: Readings, first: float, last: float) -> Readings:
-    """With the nearest before and after besides, so that there is always one, however long nothing was told."""
+    """With the nearest before and after besides, so that there is always one, however long nothing was measured."""
     begin = max(int(np.searchsorted(readings.t, first, "right")) - 1, 0)
     end = int(np.searchsorted(readings.t, last, "left")) + 1
     return readings.rows(slice(begin, end))

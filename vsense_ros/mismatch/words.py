@@ -19,7 +19,7 @@ UNITS: Mapping[str, tuple[str, float]] = {
     "-": ("", 1.0),
 }
 SIGNAL_UNITS = {**UNITS, "m": ("mm", 1e3)}  # the same for signals, where lengths are travels of a suspension
-NO_SHARES = ("coefficient",)  # sizes without a unit that are not told in percent
+NO_SHARES = ("coefficient",)  # sizes without a unit that are not given in percent
 CAPITALS = (*WHEELS, "imu", "gnss")  # words of names that are written in capitals
 
 

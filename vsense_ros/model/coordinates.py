@@ -83,8 +83,8 @@ SURFACE = slice(0, 4)  # its form: all but the height
 # Coordinates that the dynamics depend on: not where the car is, not its heading, not how far the wheels have turned.
 DYNAMIC_COORDINATES = (Z, ROLL, PITCH, *range(TRAVEL.start, TRAVEL.stop))
 
-# What is told of each wheel: forces on the contact patch [N], aligning moment [N m], longitudinal slip [-], slip angle
-# and inclination angle [rad].
+# What is estimated of each wheel: forces on the contact patch [N], aligning moment [N m], longitudinal slip [-], slip
+# angle and inclination angle [rad].
 WHEEL_OUTPUTS = ("force_x", "force_y", "force_z", "moment", "slip", "slip_angle", "inclination")
 FORCE_X, FORCE_Y, FORCE_Z, MOMENT, SLIP = range(5)
 WHEEL_FORCES = slice(0, 3)

@@ -29,5 +29,5 @@ def between(share: float, length: float, value: Array, change: Array) -> tuple[f
     (begin, end), rest = value.tolist(), 1 - share
     first, last = length * change.item(0) - (end - begin), (end - begin) - length * change.item(1)
     bent = rest * first + share * last
-    told = begin + share * (end - begin + rest * bent)
-    return told, (end - begin + (rest - share) * bent + share * rest * (last - first)) / length
+    between_them = begin + share * (end - begin + rest * bent)
+    return between_them, (end - begin + (rest - share) * bent + share * rest * (last - first)) / length

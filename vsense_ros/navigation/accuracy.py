@@ -1,6 +1,6 @@
 """What sensors allow of course, heading and side slip, in closed forms (Leung 2010, section 4.6, extended).
 
-The side slip of a kinematic filter is course less heading. A receiver tells the course, a gyro or two antennas the
+The side slip of a kinematic filter is course less heading. A receiver measures the course, a gyro or two antennas the
 heading; all standard deviations are of one estimate, and those of independent causes add as squares.
 """
 

@@ -70,7 +70,7 @@ class Aided(Filter):
         self.name, self.definition = name, definition
         made: Any = definition.make(numbers)
         self.input_names = made.input_names if isinstance(made, Cascade) else definition.inputs
-        self.inertial = next((key for key, one in sensors.items() if "rates and forces" in one.tells), None)
+        self.inertial = next((key for key, one in sensors.items() if "rates and forces" in one.measures), None)
         self.driving = {AXES.index(n): i for i, n in enumerate(self.input_names) if n in AXES and self.inertial}
         self.reckoning: Reckoning | None = None
         self.filter: Filter = made
@@ -96,41 +96,41 @@ class Aided(Filter):
         numbers_each = len(AXES) + len(self.conditions)
         self._factor = np.eye(numbers_each)  # of the newest inertial innovation
         self._deviations = self._factor.reshape(-1)[:: numbers_each + 1]  # its diagonal
-        self.fixes = {key for key, sensor in sensors.items() if "course" in sensor.tells}
+        self.fixes = {key for key, sensor in sensors.items() if "course" in sensor.measures}
 
     def _check(self, sensors: Mapping[str, SensorBase]) -> None:
-        told: set[str] = {what for sensor in sensors.values() for what in sensor.tells}
+        measured: set[str] = {what for sensor in sensors.values() for what in sensor.measures}
         kinds = ", ".join(sorted({words_of(sensor.kind) for sensor in sensors.values()})) or "none"
         for name in self.input_names:
             source = INPUTS.get(name)
-            if source is not None and source.tells not in told:
+            if source is not None and source.measures not in measured:
                 raise InputError(
-                    f"the filter {self.name!r} needs the input {name}, of a sensor that tells {source.tells!r}; the "
-                    f"vehicle file lists {kinds}"
+                    f"the filter {self.name!r} needs the input {name}, of a sensor that measures {source.measures!r}; "
+                    f"the vehicle file lists {kinds}"
                 )
         names = [one.name for one in self.definition.measurements if one.name in MEASUREMENTS]
-        if names and not any(MEASUREMENTS[name].tells in told for name in names):
+        if names and not any(MEASUREMENTS[name].measures in measured for name in names):
             raise InputError(
-                f"the filter {self.name!r} is corrected by {', '.join(names)}, of a sensor that tells "
-                f"{MEASUREMENTS[names[0]].tells!r}; the vehicle file lists {kinds}"
+                f"the filter {self.name!r} is corrected by {', '.join(names)}, of a sensor that measures "
+                f"{MEASUREMENTS[names[0]].measures!r}; the vehicle file lists {kinds}"
             )
 
     def _use(self, sensor: SensorBase, speed: Callable[[Array], float] | None) -> Use:
-        tells, gate = sensor.tells, sensor.gate
+        measured, gate = sensor.measures, sensor.gate
         inputs = tuple(
             (i, INPUTS[name].places[0])
             for i, name in enumerate(self.input_names)
-            if name in INPUTS and INPUTS[name].tells in tells
+            if name in INPUTS and INPUTS[name].measures in measured
         )
         made, conditions = [], []
         for one in self.definition.measurements:
             source = MEASUREMENTS.get(one.name)
-            if source is not None and source.tells in tells:
+            if source is not None and source.measures in measured:
                 limit = largest_nis(gate, len(one.deviations)) if sensor.deviations().any() else np.inf
                 made.append((one.name, source.of, limit, one.variances))
-            elif source is None and CONDITIONS_AT in tells:
+            elif source is None and CONDITIONS_AT in measured:
                 conditions.append((one.name, np.zeros(len(one.deviations)), one.variances))
-        remembered = tuple(Memory(one, self) for one in self.definition.remembered if one.tells in tells)
+        remembered = tuple(Memory(one, self) for one in self.definition.remembered if one.measures in measured)
         speed = speed if SPEED in self.input_names else None
         return Use(inputs, speed, remembered, tuple(made), tuple(conditions), gate)
 
@@ -141,8 +141,8 @@ class Aided(Filter):
 
     def needs(self, sensor: SensorBase) -> bool:
         """True if any input depends on what this sensor measures."""
-        wanted = {INPUTS[name].tells for name in self.input_names if name in INPUTS and not name.startswith("held")}
-        return bool(wanted & sensor.tells)
+        wanted = {INPUTS[name].measures for name in self.input_names if name in INPUTS and not name.startswith("held")}
+        return bool(wanted & sensor.measures)
 
     @property
     def judged(self) -> tuple[int, ...]:
@@ -399,7 +399,7 @@ class Memory:
         names = list(filter.definition.parts)
         part = filters_of(filter.filter)[names.index(remembered.part)]
         at = Symbols(filter.definition.parts[remembered.part][0])
-        value = ca.SX.sym("value", 6 if remembered.tells == "rates and forces" else 2)
+        value = ca.SX.sym("value", 6 if remembered.measures == "rates and forces" else 2)
         errors = at.system.error_names
         covariance = ca.SX.sym("covariance", len(errors), len(errors))
         variance = Named(ca.diag(covariance), errors, "element of the error")
@@ -441,15 +441,15 @@ def _inertial_inputs(names: Sequence[str]) -> list[tuple[int, int]]:
 
 def usable(sensors: Mapping[str, SensorBase]) -> dict[str, SensorBase]:
     """Those sensors that any filter of this package could use."""
-    used = {one.tells for one in INPUTS.values()} | {one.tells for one in MEASUREMENTS.values()}
-    return {key: one for key, one in sensors.items() if not used.isdisjoint(one.tells)}
+    used = {one.measures for one in INPUTS.values()} | {one.measures for one in MEASUREMENTS.values()}
+    return {key: one for key, one in sensors.items() if not used.isdisjoint(one.measures)}
 
 
 def _speed_of(sensor: SensorBase, sensors: Mapping[str, SensorBase], radius: float) -> Callable[[Array], float] | None:
-    """How a reading tells the input `speed`, if it is this sensor that does."""
-    rolling = any("rolling speed" in one.tells for one in sensors.values())
-    if rolling and "rolling speed" in sensor.tells:
+    """How a reading gives the input `speed`, if it is this sensor that does."""
+    rolling = any("rolling speed" in one.measures for one in sensors.values())
+    if rolling and "rolling speed" in sensor.measures:
         return RollingSpeed(radius)
-    if not rolling and "course" in sensor.tells:
+    if not rolling and "course" in sensor.measures:
         return travelling_speed
     return None

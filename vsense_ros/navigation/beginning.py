@@ -45,7 +45,7 @@ class Beginning:
 
     def missing(self) -> list[str]:
         """What the filter needs and the sensors that have come do not measure."""
-        names, measures = self._filter.input_names, {key: self._sensors[key].tells for key in self.readings}
+        names, measures = self._filter.input_names, {key: self._sensors[key].measures for key in self.readings}
         missing = []
         for name in names:
             if name in INPUTS and "held" not in name:
@@ -63,7 +63,7 @@ class Beginning:
         enough."""
         known: dict[str, float] = dict(self._numbers)
         for key, (_, value) in self.readings.items():
-            measures = self._sensors[key].tells
+            measures = self._sensors[key].measures
             if "rates and forces" in measures and np.isfinite(value[2]):
                 known["yaw_rate"] = float(value[2])
             if "position" in measures and np.isfinite(value).all():

@@ -16,7 +16,7 @@ TYPICAL_SPEED = 15.0  # [m/s] at which a road that changes along the way changes
 SLIP_ERROR = 0.0015  # [rad] by which a brush errs as an axle: tyres have another curve, links yield
 STEERING_ERROR = 0.3  # [1/rad] times the road-wheel angle squared: by which it errs, as ratios are not constant
 SHAKING_NOISE = 0.1  # [m/s²/√Hz] of a body that shakes on its springs, in an accelerometer across
-GYRO_SCALE_DEVIATION = 0.01  # share by which a gyro of silicon may tell too much or too little
+GYRO_SCALE_DEVIATION = 0.01  # share by which a gyro of silicon may read too much or too little
 STIFFNESS_DEVIATION = 0.15  # share by which a car's tyres may be softer or stiffer than its file says
 ANTENNA_DEVIATION = 0.5  # [m] by which an antenna may sit ahead of or behind where the vehicle file says
 SAMPLE_TIME = 0.01  # [s] for which filters hold an inertial reading (Leung 2010, table B.1)
@@ -60,13 +60,13 @@ def car_numbers(vehicle: Vehicle, sensors: Iterable[SensorBase]) -> dict[str, fl
     }
     for sensor in sensors:
         deviations = sensor.deviations()
-        if "rates and forces" in sensor.tells:
+        if "rates and forces" in sensor.measures:
             found["gyro_noise"], found["acceleration_noise"] = float(deviations[2]), float(deviations[4])
-        elif "rolling speed" in sensor.tells:
+        elif "rolling speed" in sensor.measures:
             found["spin_noise"] = float(deviations[2])
-        elif "steering" in sensor.tells and deviations.any():
+        elif "steering" in sensor.measures and deviations.any():
             found["steering_noise"] = float(deviations[0])
-        elif "course" in sensor.tells:
+        elif "course" in sensor.measures:
             found["antenna_x"], found["antenna_y"] = sensor.mounting()[:2].tolist()
     return found
 

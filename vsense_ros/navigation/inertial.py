@@ -5,10 +5,11 @@
     R(ψ) v = GNSS velocity of the antenna                                              at a fix
     v_y = l r - e r v_x² + v_x s  ± σ                                                  at each inertial reading
 
-A car at constant speed tells neither heading nor b_y by its fixes. What the straight-line gates of Bevly 2001 and Leung
-2010 assume there, β = 0, is here the steady state of any car that does not slide: rear wheels roll where they point
-(l: distance of the rear axle) but for the slip of their tyres (e = m a / (L C_r)). Both are states, κ the body's roll
-per lateral acceleration too; the fixes tell them wherever the car turns, so that no number of it has to be known.
+A car at constant speed determines neither heading nor b_y by its fixes. What the straight-line gates of Bevly 2001 and
+Leung 2010 assume there, β = 0, is here the steady state of any car that does not slide: rear wheels roll where they
+point (l: distance of the rear axle) but for the slip of their tyres (e = m a / (L C_r)). Both are states, κ the body's
+roll per lateral acceleration too; the fixes determine them wherever the car turns, so that no number of it has to be
+known.
 
 Two things that are no white noise have states of their own, or what is stated of side slip is twice its error. The
 angle s by which a car goes aside of its steady state, on banks and in transients, stays for seconds; towards the limit

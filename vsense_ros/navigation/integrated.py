@@ -18,7 +18,7 @@ believed a hundred times a second, it determines a wrong side slip and is sure o
 An antenna may sit elsewhere than the vehicle file says: how far ahead, d, is a state, since in a turn at low speed one
 metre of it makes as many degrees of side slip as tyres do. GNSS measures v_y + r (x_antenna + d) across the car.
 
-ln k of each axle drifts as far as its slip angle lets it be seen: where a car goes straight, nothing is told of its
+ln k of each axle drifts as far as its slip angle lets it be seen: where a car goes straight, nothing is known of its
 tyres, and nothing is forgotten. What GNSS, gyro, accelerometer and wheels say is weighted by covariances alone.
 """
 

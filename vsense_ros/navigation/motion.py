@@ -31,8 +31,8 @@ class Snapshot:
 @dataclass(frozen=True)
 class Motions:
     """The motion of a car at n times, in the order of `MOTION`: `value` (n, 16), NaN of what the filter does not
-    estimate, and covariances of pose and twist, in which the variance of that is `UNTOLD`; slow states with their
-    standard deviations."""
+    estimate, and covariances of pose and twist, in which the variance of that is `UNESTIMATED_VARIANCE`; slow states
+    with their standard deviations."""
 
     stamp: np.ndarray  # (n,) [ns]
     value: Array
@@ -57,7 +57,7 @@ class Motions:
             rows = v.shape[:-1]
             covariance = np.zeros((*rows, 6, 6))
             covariance[..., :3, :3] = row(self.acceleration_covariance)
-            covariance[..., [3, 4, 5], [3, 4, 5]] = messages.UNTOLD
+            covariance[..., [3, 4, 5], [3, 4, 5]] = messages.UNESTIMATED_VARIANCE
             flat = covariance.reshape(*rows, 36)
             found.append(messages.acceleration(stamp, v[..., 12:15], np.zeros((*rows, 3)), flat))
         if self.has_side_slip:
@@ -84,18 +84,18 @@ class Readout:
         self._slow: list[tuple[int, list[int], list[int]]] = []
         for i, (part, (system, _)) in enumerate(definition.parts.items()):
             at = Symbols(system)
-            told = system.motion(at.x, at.u, at.theta)
-            value = expression(list(told.values()))
+            estimated = system.motion(at.x, at.u, at.theta)
+            value = expression(list(estimated.values()))
             by_input = ca.densify(ca.jacobian(value, at.u.vector))
             functions.append(ca.Function("motion", at.now, [value, at.by_error(value), by_input]))
-            names.append(list(told))
+            names.append(list(estimated))
             own = [n for n in system.names if n not in MOTION and n in system.error_names]
             slow += [f"{part}.{n}" if definition.is_cascade else n for n in own]
             places = [system.names.index(n) for n in own], [system.error_names.index(n) for n in own]
             self._slow.append((i, *places))
         self._functions, self.parameter_names = functions, tuple(slow)
         source = {name: (i, j) for i, told_by in enumerate(names) for j, name in enumerate(told_by)}
-        self._told = [(MOTION.index(name), *source[name]) for name in MOTION if name in source]
+        self._estimated = [(MOTION.index(name), *source[name]) for name in MOTION if name in source]
         self.estimated = tuple(name for name in MOTION if name in source)
 
     def snapshot(self, stamp: int) -> Snapshot:
@@ -119,13 +119,13 @@ class Readout:
             by_states = by_error @ spread @ by_error.transpose(0, 2, 1)
             by_readings = (by_input * of_inputs[:, None, :]) @ by_input.transpose(0, 2, 1)
             of_parts.append((np.array(found).T, by_states + by_readings))
-        for place, i, row in self._told:
+        for place, i, row in self._estimated:
             value[:, place] = of_parts[i][0][:, row]
-            for other, j, column in self._told:
+            for other, j, column in self._estimated:
                 if i == j:
                     covariance[:, place, other] = of_parts[i][1][:, row, column]
         absent = [i for i, name in enumerate(MOTION) if name not in self.estimated]
-        covariance[:, absent, absent] = messages.UNTOLD
+        covariance[:, absent, absent] = messages.UNESTIMATED_VARIANCE
         slip = _side_slip(value, covariance, self.estimated)
         parameters = np.hstack([np.array([s.parts[i][0][m] for s in snapshots]) for i, m, _ in self._slow])
         variances = np.hstack([np.array([s.parts[i][1].diagonal()[e] for s in snapshots]) for i, _, e in self._slow])
@@ -144,7 +144,7 @@ class Readout:
 
 
 def _side_slip(value: Array, covariance: Array, estimated: Sequence[str]) -> Array:
-    """Angle, standard deviation and rate (n, 3); zero with an infinite deviation at rest. The rate is not told."""
+    """Angle, standard deviation and rate (n, 3); zero with an infinite deviation at rest. There is no rate."""
     found = np.zeros((len(value), 3))
     forward, lateral = np.nan_to_num(value[:, [_FORWARD, _LATERAL]]).T
     rests = np.hypot(forward, lateral) < _SMALLEST_SPEED

@@ -1,8 +1,8 @@
 """The vocabulary: which inputs and measurements of filters come from which sensor of a car, and how.
 
-A sensor is known by what it tells (`model.sensors.base.Tells`), so that any kind which tells the same will do. A
-measurement that no sensor gives is a condition, such as rolling without side slip: it is applied at each inertial
-reading, with its own standard deviations, where its `when` says so.
+A sensor is known by what it measures (`model.sensors.base.MeasuredQuantity`), so that any kind which measures the same
+will do. A measurement that no sensor gives is a condition, such as rolling without side slip: it is applied at each
+inertial reading, with its own standard deviations, where its `when` says so.
 """
 
 from __future__ import annotations
@@ -15,15 +15,15 @@ from typing import NamedTuple
 import numpy as np
 
 from vsense_ros.estimation.filter import Array
-from vsense_ros.model.sensors.base import Tells
+from vsense_ros.model.sensors.base import MeasuredQuantity
 
 SLOWEST_COURSE = 1.0  # [m/s] below it the direction of a velocity means nothing to any filter here
 
 
 class FromSensor(NamedTuple):
-    """Components of a reading: `tells` says of which sensor."""
+    """Components of a reading: `measures` says of which sensor."""
 
-    tells: Tells
+    measures: MeasuredQuantity
     places: tuple[int, ...]
 
 
@@ -56,7 +56,7 @@ class Measured(NamedTuple):
     """A measurement that is made of a reading: value (m,) and variances (m,), NaN where it means nothing. For filters
     that are written as C, readings.c has `of` under the same name."""
 
-    tells: Tells
+    measures: MeasuredQuantity
     of: Callable[[Array, Array], tuple[Array, Array]]
 
 
@@ -126,7 +126,7 @@ MEASUREMENTS = {
     "rear_spin": Measured("rolling speed", rear_spin),
     "rear_spins": Measured("rolling speed", Components([2, 3])),
 }
-CONDITIONS_AT: Tells = "rates and forces"  # readings with which conditions are applied
+CONDITIONS_AT: MeasuredQuantity = "rates and forces"  # readings with which conditions are applied
 
 
 def turned(east: float, north: float, yaw: float) -> tuple[float, float]:

@@ -170,11 +170,11 @@ class Reckoning:
 
     def takes(self, sensor: SensorBase) -> Callable[[Array], None] | None:
         """What takes in a reading of a sensor that is not inertial; None where it says nothing of any axis."""
-        if "rolling speed" in sensor.tells:
+        if "rolling speed" in sensor.measures:
             return self._wheels
-        if "steering" in sensor.tells:
+        if "steering" in sensor.measures:
             return self._steering
-        return self._course if "course" in sensor.tells else None
+        return self._course if "course" in sensor.measures else None
 
     def _wheels(self, value: Array) -> None:
         left, right = value[2:4].tolist()

@@ -1,7 +1,7 @@
 """What a filter of this package is: one state space, or several in a row, with its start and what it estimates.
 
 A state space says besides its equations how far its states may be off at start (`prior`), and what of the car's motion
-it tells (`motion`), by the names in `MOTION`.
+it estimates (`motion`), by the names in `MOTION`.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ from vsense_ros.estimation.dense import Dense
 from vsense_ros.estimation.ekf import Ekf
 from vsense_ros.estimation.filter import Array, Filter, Gaussian
 from vsense_ros.estimation.state_space import Measurement, Named, StateSpace
-from vsense_ros.model.sensors.base import Tells
+from vsense_ros.model.sensors.base import MeasuredQuantity
 
 # The car's motion as an odometry has it: position [m] and attitude [rad] of cog on the map, velocity [m/s] and rates
 # [rad/s] in its own axes, acceleration [m/s²], and the side-slip angle [rad] of filters that know no lateral velocity.
@@ -28,7 +28,7 @@ MOTION = (
     "forward_acceleration", "lateral_acceleration", "vertical_acceleration", "side_slip",
 )  # fmt: skip
 
-Seen = Mapping[str, float]  # what the first readings tell, by the names of states
+Seen = Mapping[str, float]  # what the first readings give, by the names of states
 
 
 class NavigationSpace(StateSpace):
@@ -41,7 +41,7 @@ class NavigationSpace(StateSpace):
         return {name: seen[name] for name in self.names if name in seen}
 
     def motion(self, x: Named, u: Named, theta: Named) -> Mapping[str, Any]:
-        """What it tells of the car's motion, by the names in `MOTION`."""
+        """What it estimates of the car's motion, by the names in `MOTION`."""
         return {name: x[name] for name in self.names if name in MOTION}
 
     def sampled(self, x: Named, u: Named, theta: Named, h: ca.SX, **deviations: Any) -> ca.SX:
@@ -69,11 +69,11 @@ def drifting(h: Any, *densities: float) -> ca.SX:
 @dataclass(frozen=True)
 class Remembered:
     """Inputs of a filter that are no readings but made of them and of its state, such as a mean of the past: with each
-    reading of the sensor that `tells` this, before it corrects anything, the inputs by name become `equation(x, u, θ,
-    value, variance)` of the `part` with that name; `variance` are those of its errors."""
+    reading of the sensor that `measures` this, before it corrects anything, the inputs by name become `equation(x, u,
+    θ, value, variance)` of the `part` with that name; `variance` are those of its errors."""
 
     part: str
-    tells: Tells
+    measures: MeasuredQuantity
     equation: Callable[[Named, Named, Named, ca.SX, Named], Mapping[str, Any]]
 
 
@@ -82,8 +82,8 @@ Part = tuple[NavigationSpace, tuple[Measurement, ...]]
 
 @dataclass(frozen=True)
 class Definition:
-    """A filter of this room: its `parts` by name, and the links between them. Of parts that tell the same motion, the
-    last counts."""
+    """A filter of this package: its `parts` by name, and the links between them. Of parts that estimate the same
+    motion, the last counts."""
 
     parts: Mapping[str, Part]
     passed_inputs: tuple[PassedInput, ...] = ()

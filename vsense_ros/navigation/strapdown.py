@@ -3,7 +3,7 @@
     q̇ = q ⊗ (ω_m - b_g) / 2,  v̇ = R(q) (f_m - b_a) + g,  ṗ = v        in the map, east, north, up
 
 GNSS velocity and position are those of the antenna, whose lever arm is estimated too, and of a time that is off by
-`delay`: v(t - d) = v - d v̇, where v̇ is what turning does to v, which a gyro tells better than the accelerometers. A
+`delay`: v(t - d) = v - d v̇, where v̇ is what turning does to v, which a gyro measures better than the accelerometers. A
 wheel neither leaves the road nor slides (non-holonomic): in the axes of the car v_z = v_x z and, at the rear axle,
 v_y = v_x s - e r v_x², with the slip of its tyres, e, and the angles s and z by which the car goes aside of its steady
 state and its body pitches on its springs. These stay for seconds: taken for white noise, a hundred times a second, they

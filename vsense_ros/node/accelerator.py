@@ -76,7 +76,7 @@ class AcceleratorNode(SensingNode[AcceleratorParameters]):
             return
         began = time.perf_counter()
         self.requests += 1
-        # The modelled time of the hardware is told in the answer; only an answer that is late on purpose waits here.
+        # The modelled time of the hardware is stated in the answer; only an answer that is late on purpose waits here.
         late = 1e-3 * device.chance.faults.delay_ms if device.chance.faults.delay else float("inf")
         for answer in device.handle(as_bytes(message), time.monotonic()):
             if answer.after >= late:

@@ -79,7 +79,7 @@ class SensingNode(LifecycleNode, Generic[Params]):
         self._listening_publisher: Any = None
         self._question: Reader | None = None
         self._connected = False
-        self._clock_told = 0  # by the newest /clock message [ns]
+        self._clock_stamp = 0  # by the newest /clock message [ns]
         self._clock_reader = Reader(self, Clock, "/clock", self._on_clock)
 
     # What a node adds
@@ -108,13 +108,13 @@ class SensingNode(LifecycleNode, Generic[Params]):
         return {"published": dict(self.published)}
 
     def on_clock(self, stamp: int) -> None:
-        """A `/clock` message told this time [ns]."""
+        """A `/clock` message had this time [ns]."""
 
     def expect_question(self) -> None:
         """Let a replay ask whether this node listens, on a topic with a name that is new.
 
         Subscriptions are announced in the order in which they are made: whoever asks there knows all others too, and
-        what he publishes comes. A message on a topic with a known name tells less. It reaches each reader of it in
+        what he publishes comes. A message on a topic with a known name says less. It reaches each reader of it in
         this process, also while its sender knows only one that is older than all the others, as rclpy's of `/clock`.
         """
         self._stop_expecting()
@@ -174,7 +174,7 @@ class SensingNode(LifecycleNode, Generic[Params]):
     def now(self) -> int:
         """Time [ns] of the system or of `/clock`; 0 before the first message. rclpy listens to that with best effort,
         and may have heard nothing yet where this node has."""
-        return self.get_clock().now().nanoseconds or self._clock_told
+        return self.get_clock().now().nanoseconds or self._clock_stamp
 
     # Lifecycle
 
@@ -314,7 +314,7 @@ class SensingNode(LifecycleNode, Generic[Params]):
         return SetParametersResult(successful=True)
 
     def _on_clock(self, message: Clock) -> None:
-        stamp = self._clock_told = message.clock.sec * 1_000_000_000 + message.clock.nanosec
+        stamp = self._clock_stamp = message.clock.sec * 1_000_000_000 + message.clock.nanosec
         if self.time_base.simulated:
             self.time_base.tick(stamp)
         self.on_clock(stamp)
@@ -338,7 +338,7 @@ class SensingNode(LifecycleNode, Generic[Params]):
             self._diagnostics_publisher.publish(data)
 
     def _clock_sources(self) -> list[str]:
-        """Who publishes the time that this node goes by, or tells; told once where that is more than one."""
+        """Who publishes the time that this node goes by, or publishes; reported once where that is more than one."""
         if not self.time_base.simulated and not self.tells_time:
             return []
         publishers = self.get_publishers_info_by_topic("/clock")

@@ -75,7 +75,7 @@ def _types_in(node: object) -> set[str]:
 
 def describe(kind: str, type_hash: str = "", qos: str = RELIABLE_QOS) -> TopicDescription:
     """What a bag says of a topic of this type. Where its definition is found nowhere, the bag holds none, and whoever
-    reads it has to know the type; `type_hash` is what a publisher told."""
+    reads it has to know the type; `type_hash` is what a publisher announced."""
     if kind in definitions.TYPE_HASHES:
         return TopicDescription(kind, definitions.schema_text(kind), definitions.TYPE_HASHES[kind], qos)
     with suppress(Exception):  # of rosbags, of many kinds, for definitions that it does not understand

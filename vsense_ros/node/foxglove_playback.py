@@ -95,7 +95,7 @@ class Timeline:
         """Steering angles of the front wheels at these times [rad]; zero where the bags have none."""
         for sensor in vehicle.sensing().values():
             channel = self._channels.get(sensor.topic)
-            if channel is None or "steering" not in sensor.tells or not len(channel):
+            if channel is None or "steering" not in sensor.measures or not len(channel):
                 continue
             angles, out, variance = np.zeros(len(channel)), np.zeros(1), np.zeros(1)
             for i in range(len(channel)):
@@ -155,7 +155,7 @@ class Playback:
     def run(self) -> None:
         """Play whenever a viewer wants it to."""
         position, last = 0, time.monotonic()
-        told, watched = None, False
+        published, watched = None, False
         while not self._ended:
             now = time.monotonic()
             passed, last = min(now - last, _LONGEST_PAUSE), now
@@ -174,8 +174,8 @@ class Playback:
             self._send(position, until)
             position = max(position, until)
             self.server.tell_time(self._now)
-            if state.status != told:
-                told = state.status
+            if state.status != published:
+                published = state.status
                 self.server.tell_state(state)
             with self._condition:
                 if position == len(self.timeline) and self._loop and self._playing:

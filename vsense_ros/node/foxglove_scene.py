@@ -67,7 +67,7 @@ class Scene:
     def forget(self) -> None:
         """The recording is shown from another place on."""
         self._path: list[tuple[float, float, float]] = []
-        self._path_told = self._tyres_told = -(2**62)
+        self._path_stamp = self._tyres_stamp = -(2**62)
         self._forces: dict[str, tuple[float, float, float]] = {}
 
     def add(self, sample: Sample) -> list[tuple[str, SceneUpdate]]:
@@ -89,9 +89,9 @@ class Scene:
             self._path.append((place[0], place[1], height))
             if len(self._path) > SETTINGS.longest_path:
                 del self._path[1::2]
-        if len(self._path) < 2 or 0 <= sample.stamp - self._path_told < SETTINGS.path_every:
+        if len(self._path) < 2 or 0 <= sample.stamp - self._path_stamp < SETTINGS.path_every:
             return []
-        self._path_told = sample.stamp
+        self._path_stamp = sample.stamp
         line = LinePrimitive(
             type=LinePrimitiveLineType.LineStrip,
             pose=_NOWHERE,
@@ -108,9 +108,9 @@ class Scene:
         self._forces[wheel] = (x, y, z)
         if len(self._forces) < len(WHEELS) or wheel != WHEELS[-1]:
             return []
-        if 0 <= sample.stamp - self._tyres_told < SETTINGS.tyres_every:
+        if 0 <= sample.stamp - self._tyres_stamp < SETTINGS.tyres_every:
             return []
-        self._tyres_told = sample.stamp
+        self._tyres_stamp = sample.stamp
         entities = [self._tyre(sample.stamp, name) for name in WHEELS]
         return [(TYRES, SceneUpdate(entities=entities))]
 

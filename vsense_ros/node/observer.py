@@ -38,7 +38,7 @@ from vsense_ros.observer.monitor import load_limits
 from vsense_ros.runner import Runner
 from vsense_ros.runner.catalogue import every_filter
 
-_MOST_FRAMES = 20  # that are told
+_MOST_FRAMES = 20  # that are reported
 _PERCENTILES = (50, 90, 99, 99.9)
 
 
@@ -100,7 +100,7 @@ class ObserverNode(SensingNode[_OwnParameters]):
         self._next_due = 0
         self.received: Counter[str] = Counter()
         self.unreadable = 0
-        self._noise_untold = set(self._observer.names)
+        self._noise_unreported = set(self._observer.names)
         self.refused_frames = 0
         self._wanted_frames: dict[str, set[str]] = {}
         for sensor in self._observer.sensors.values():
@@ -126,7 +126,7 @@ class ObserverNode(SensingNode[_OwnParameters]):
                     self.create_output(topic, kind)
 
     def _origin(self) -> tuple[float, float, float] | None:
-        """The map's origin that was told, or that an earlier process of this node has stored."""
+        """The map's origin that was set, or that an earlier process of this node has stored."""
         p = self.parameters
         self._origin_is_stored = bool(p.map_origin)
         if p.map_origin:
@@ -210,7 +210,7 @@ class ObserverNode(SensingNode[_OwnParameters]):
         before = time.perf_counter()
         observer.add(sample)
         self.step_times.add(time.perf_counter() - before)
-        if self._noise_untold:
+        if self._noise_unreported:
             self._tell_noise(observer)
         for extension in self._extensions:
             for made in extension.add(sample):
@@ -227,13 +227,13 @@ class ObserverNode(SensingNode[_OwnParameters]):
     def _tell_noise(self, observer: Runner) -> None:
         """Log, of each sensor once, which standard deviations count."""
         for name, health in zip(observer.names, observer.health, strict=True):
-            if name in self._noise_untold and health.noise is not None:
-                self._noise_untold.discard(name)
+            if name in self._noise_unreported and health.noise is not None:
+                self._noise_unreported.discard(name)
                 if health.noise:
                     self.get_logger().info(f"{name}: standard deviation {health.noise}")
 
     def _in_own_frame(self, sample: Sample) -> Sample | None:
-        """The sample with the frame as the vehicle file has it; None, told once, where it has another or none."""
+        """The sample with the frame as the vehicle file has it; None, reported once, where it has another or none."""
         observer, frame = self._observer, sample.frame_id
         if observer is None:
             return None
@@ -308,7 +308,7 @@ class ObserverNode(SensingNode[_OwnParameters]):
 
     def _dead(self, lines: list[Diagnostic]) -> dict[str, str]:
         """Sensors that the estimate needs and of which nothing comes: what is wrong, by name. It needs what drives its
-        model, rates and forces, and something that tells the speed."""
+        model, rates and forces, and something that measures the speed."""
         observer = self._observer
         if observer is None:
             return {}
@@ -319,7 +319,7 @@ class ObserverNode(SensingNode[_OwnParameters]):
             name: message
             for name, message in silent.items()
             if (sensor := observer.sensors[name]).is_input
-            or "rates and forces" in sensor.tells
+            or "rates and forces" in sensor.measures
             or (without_speed and name in speed)
         }
 

@@ -23,8 +23,8 @@ def lock_memory() -> None:
         return
     reason = os.strerror(ctypes.get_errno())
     limit = resource.getrlimit(resource.RLIMIT_MEMLOCK)[0]
-    told = "unlimited" if limit == resource.RLIM_INFINITY else f"{limit // 1024} KiB"
+    allowed = "unlimited" if limit == resource.RLIM_INFINITY else f"{limit // 1024} KiB"
     raise InputError(
-        f"parameter lock_memory: mlockall failed: {reason}; the limit is {told}: set LimitMEMLOCK=infinity in the "
+        f"parameter lock_memory: mlockall failed: {reason}; the limit is {allowed}: set LimitMEMLOCK=infinity in the "
         "unit, memlock in /etc/security/limits.conf, or --ulimit memlock=-1 of docker run"
     )

@@ -103,7 +103,7 @@ class Replay(SensingNode[ReplayParameters]):
         self._listening: set[str] = set()  # consumers that get all that is published
         self._questions: dict[str, Any] = {}  # publishers by topic
         self._not_taken: dict[str, int] = {}
-        self._now = self._told = 0
+        self._now = self._published = 0
         self._lead = round(p.lead * NANO * p.rate)
         sources = self._sources = ReplaySources(self, p, own_clock=p.clock)
         sources.load()
@@ -113,7 +113,7 @@ class Replay(SensingNode[ReplayParameters]):
             raise InputError("nothing to replay: set one of the parameters bag, can_log, gnss_bytes, imu_bytes")
         if p.rate == 0 and (p.can_log or p.gnss_bytes or p.imu_bytes):
             raise InputError(
-                "rate 0 works for bags alone: buses and serial lines cannot tell how far they are; set a rate above 0"
+                "rate 0 works for bags alone: nobody knows how far buses and serial lines have got; set a rate above 0"
             )
         check_overlap(times, sources.senders, sources.items)
         order = np.argsort(times, kind="stable")
@@ -124,7 +124,7 @@ class Replay(SensingNode[ReplayParameters]):
             length = (int(times.max()) - int(times.min())) / NANO
             raise InputError(f"start_offset {p.start_offset:g} s is behind the end: the recording has {length:.3f} s")
         self._times = times[order]
-        # No clock tells times below 0, and 0 is none: a log that counts from its own start is put off by the lead.
+        # No clock has times below 0, and 0 is none: a log that counts from its own start is put off by the lead.
         self._times += max(1 + self._lead - int(self._times[0]), 0)
         self._items = [sources.items[i] for i in order]
         if p.clock:
@@ -195,7 +195,7 @@ class Replay(SensingNode[ReplayParameters]):
         self._begun = True
         self.get_logger().info("begins")
         tick = self._now
-        self._position = told = 0
+        self._position = reported = 0
         total = len(self._times)
         while True:
             with self._condition:
@@ -222,9 +222,9 @@ class Replay(SensingNode[ReplayParameters]):
             if self._single or self._wait_until(due):
                 self._single = max(self._single - 1, 0)
                 self._send_next()
-                if self._position * 100 // total != told:
-                    told = self._position * 100 // total
-                    self.get_logger().info(f"{told} %")
+                if self._position * 100 // total != reported:
+                    reported = self._position * 100 // total
+                    self.get_logger().info(f"{reported} %")
 
     def _go_to(self, moment: int) -> int:
         """Go on from a time of the recording [ns], which is returned. The caller holds the condition."""
@@ -269,8 +269,8 @@ class Replay(SensingNode[ReplayParameters]):
         if self._moved:
             self._moved = False
             self._origin = (wall, self._now)
-            if self._told:  # a time that stands still is no time that comes late
-                self._publish_clock(self._told)
+            if self._published:  # a time that stands still is no time that comes late
+                self._publish_clock(self._published)
         began, at = self._origin
         wait = began + (moment - at) / rate - wall
         if wait > 0:
@@ -288,12 +288,12 @@ class Replay(SensingNode[ReplayParameters]):
                 if self._paused or self._ended or self._seek is not None:
                     return False
                 if not self._condition.wait(SETTINGS.send_again):
-                    self._publish_clock(self._told)  # to one that began to listen anew meanwhile
+                    self._publish_clock(self._published)  # to one that began to listen anew meanwhile
         return True
 
     def _publish_clock(self, stamp: int) -> None:
         if self._clock_output is not None:
-            self._told = stamp
+            self._published = stamp
             seconds, nanoseconds = divmod(stamp, NANO)
             self._clock_output.publish(Clock(clock=Time(sec=seconds, nanosec=nanoseconds)))
 

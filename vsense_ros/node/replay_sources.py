@@ -168,9 +168,9 @@ def check_overlap(times: Times, senders: list[tuple[str, Send]], items: list[tup
     ordered = sorted(spans.items(), key=lambda item: item[1])
     for (one, (_, end)), (other, (begin, _)) in pairwise(ordered):
         if begin > end:
-            told = ", ".join(f"{n} from {_moment(a)} to {_moment(b)}" for n, (a, b) in ordered)
+            listed = ", ".join(f"{n} from {_moment(a)} to {_moment(b)}" for n, (a, b) in ordered)
             raise InputError(
-                f"{one} and {other} have no time in common: {told}. Their clocks differ, or it is a time zone: "
+                f"{one} and {other} have no time in common: {listed}. Their clocks differ, or it is a time zone: "
                 "set can_offset, or give logs of one drive"
             )
 

@@ -39,7 +39,7 @@ class SerialLink:
 
     `port` is a device (`/dev/ttyUSB0`, `/dev/pts/3`) or `socket://host:port`. A port that cannot be opened, that
     disappears, or whose TCP server no longer answers, is tried again with growing waits. What `receive` or `quiet`
-    raises is told and counted, and reading goes on.
+    raises is reported and counted, and reading goes on.
     """
 
     def __init__(

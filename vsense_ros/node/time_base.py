@@ -62,7 +62,7 @@ class TimeBase:
         self._lock = threading.Lock()
 
     def tick(self, simulated: int, wall: int | None = None) -> None:
-        """A clock message arrived; `simulated` is the time that it tells [ns]."""
+        """A clock message arrived; `simulated` is the time in it [ns]."""
         wall = time.time_ns() if wall is None else wall
         with self._lock:
             self._heard = wall

@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 from vsense_ros.estimation.intake import Intake
 from vsense_ros.estimation.timeline import Event, Timeline
 from vsense_ros.model.coordinates import SPIN, YAW, X, Y
-from vsense_ros.model.sensors import SensorBase, Tells
+from vsense_ros.model.sensors import MeasuredQuantity, SensorBase
 from vsense_ros.model.sensors.wheel_speeds import LOADED
 from vsense_ros.observer.error_ekf import CarFilter
 from vsense_ros.observer.standstill import Standstill
@@ -16,7 +16,7 @@ from vsense_ros.observer.state import FORWARD, LATERAL, U
 
 Array = NDArray[np.float64]
 
-_ALIGNMENT_SPEED = 2.0  # [m/s] above it the course tells the heading
+_ALIGNMENT_SPEED = 2.0  # [m/s] above it the course is the heading
 _SAME_SPEED = 0.2  # of a speed by which another may differ from it
 _STANDING = 0.2  # [m/s] below it the car does
 _NONE = 2.0  # standard deviations of a velocity below which it may be none
@@ -49,7 +49,7 @@ class Alignment:
         sensor = self._sensors[event.sensor]
         if not sensor.on_map:
             return True
-        if "position" not in sensor.tells:
+        if "position" not in sensor.measures:
             if self.align(event):
                 return True
             self._rest(event)
@@ -62,7 +62,7 @@ class Alignment:
     def astray(self, velocity: Event) -> bool:
         """True if the heading is wrong: the car, or its wheels, are as fast as GNSS says, yet all that is seen on the
         map is refused; a filter with a wrong heading does not keep its speed for long."""
-        if "course" not in self._sensors[velocity.sensor].tells:
+        if "course" not in self._sensors[velocity.sensor].measures:
             return False
         speed = np.hypot(*velocity.value)
         radius = LOADED * self._filter.car.vehicle.physics.rear.unloaded_radius
@@ -74,11 +74,11 @@ class Alignment:
         return bool(same and all(h.contradicts for h in seen))
 
     def align(self, event: Event) -> bool:
-        """Take the heading from a measurement, if it tells one; True if that has just been done."""
-        told = self._heading(event)
-        if told is None:
+        """Take the heading from a measurement, if it has one; True if that has just been done."""
+        measured = self._heading(event)
+        if measured is None:
             return False
-        f, (yaw, deviation) = self._filter, told
+        f, (yaw, deviation) = self._filter, measured
         was, position, spread = self._mean[YAW], self._mean[[X, Y]], _ANYWHERE
         if self._standstill.known:
             position, spread = self._standstill.place(position, was, yaw)
@@ -90,8 +90,8 @@ class Alignment:
         return True
 
     def begin_anew(self, velocity: Event) -> bool:
-        """Start the filter at the speed and the course that GNSS tells, if they tell a heading: one that was astray has
-        found wrong slopes and forces to explain what it saw. True if that has been done."""
+        """Start the filter at the speed and the course that GNSS measures, if they give a heading: one that was astray
+        has found wrong slopes and forces to explain what it saw. True if that has been done."""
         if self._heading(velocity) is None:
             return False
         place, inputs = self._mean[[X, Y]].tolist(), self._filter.inputs.copy()
@@ -104,12 +104,12 @@ class Alignment:
         return True
 
     def _heading(self, event: Event) -> tuple[float, float] | None:
-        """Yaw that a measurement tells [rad] and its standard deviation: two antennas; the course once it means
+        """Yaw by a measurement [rad] and its standard deviation: two antennas; the course once it means
         something; without velocities the way between positions."""
         mean, sensor = self._mean, self._sensors[event.sensor]
-        if "heading" in sensor.tells:
+        if "heading" in sensor.measures:
             return sensor.heading(event.value, event.variance)
-        if "position" in sensor.tells:
+        if "position" in sensor.measures:
             return self._standstill.heading(mean[[X, Y]], mean[YAW], event.value, event.variance)
         east, north = event.value
         speed = float(np.hypot(east, north))
@@ -124,7 +124,7 @@ class Alignment:
 
         It is none in whatever direction the car stands, and determines no heading."""
         car = self._filter.car
-        if car.prior.torques.measured or "course" not in self._sensors[event.sensor].tells:
+        if car.prior.torques.measured or "course" not in self._sensors[event.sensor].measures:
             return
         if not float(np.hypot(*event.value)) < _NONE * float(np.sqrt(event.variance.max())):
             return
@@ -146,12 +146,12 @@ class Alignment:
         else:
             np.copyto(mean[X : Y + 1], event.value, where=np.isfinite(event.value))
             if self._timeline.begun and not self._velocity_comes():
-                self._standstill.add(*seen)  # the way from here will tell the heading
+                self._standstill.add(*seen)  # the way from here will give the heading
                 self._standstill.leave()
                 self._timeline.forget_past()
 
-    def _telling(self, events: dict[str, Event], what: Tells) -> list[Event]:
-        return [event for event in events.values() if what in self._sensors[event.sensor].tells]
+    def _telling(self, events: dict[str, Event], what: MeasuredQuantity) -> list[Event]:
+        return [event for event in events.values() if what in self._sensors[event.sensor].measures]
 
     def _velocity_comes(self) -> bool:
-        return any("course" in s.tells and self._intake.sends(i) for i, s in enumerate(self._sensors))
+        return any("course" in s.measures and self._intake.sends(i) for i, s in enumerate(self._sensors))

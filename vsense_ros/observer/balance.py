@@ -1,4 +1,4 @@
-"""Do the estimated tyre forces add up to what the inertial sensor feels? Asked at every estimate, told in words."""
+"""Do the estimated tyre forces add up to what the inertial sensor feels? Asked at every estimate, answered in words."""
 
 from __future__ import annotations
 
@@ -22,12 +22,12 @@ from vsense_ros.observer.state import DISTURB, FORCE, FORWARD
 Array = NDArray[np.float64]
 
 CUTOFF = 2.0  # [Hz] above it a road shakes wheels and sensor each in its own way
-MEMORY = 5.0  # [s] over which the root mean square of what is over is told
+MEMORY = 5.0  # [s] over which the root mean square of what is over is reported
 BLOCK = 256  # estimates that are compared at once
 LONGEST_GAP = 0.5  # [s] between estimates, or since the sensor was heard, after which all is forgotten
-_AT_REST = np.array([0.0, 0.0, 0.0, 0.0, 0.0, GRAVITY])  # what an axis that is absent would tell, about
+_AT_REST = np.array([0.0, 0.0, 0.0, 0.0, 0.0, GRAVITY])  # what an axis that is absent would measure, about
 _TIME_CONSTANT = np.sqrt(np.sqrt(2) - 1) / (2 * pi * CUTOFF)  # [s] of each of two, which together have this cutoff
-# Root mean squares that are told, as SHARES: beyond the errors that the inertial sensor of a car leaves.
+# Root mean squares that are reported, as SHARES: beyond the errors that the inertial sensor of a car leaves.
 LARGEST = np.array([0.08, 0.08, 0.08, 0.1, 0.1, 0.04])
 
 
@@ -41,7 +41,7 @@ class Balance:
     """
 
     def __init__(self, vehicle: Vehicle, sensors: dict[str, SensorBase]) -> None:
-        able = [name for name, sensor in sensors.items() if "rates and forces" in sensor.tells]
+        able = [name for name, sensor in sensors.items() if "rates and forces" in sensor.measures]
         self.sensor = able[0] if able else None
         self._index = -1
         self._car = CarBalance(vehicle.physics)
@@ -55,7 +55,7 @@ class Balance:
         self._heard = 0
         self._has = np.zeros(6, dtype=bool)  # the axes that it has
         self._complete = False  # True: it has all of them
-        self._told = np.zeros(6, dtype=bool)  # the sums that these determine
+        self._measured = np.zeros(6, dtype=bool)  # the sums that these determine
         self._comparable = False  # True: there is any
         self._stamp = 0  # of the newest estimate [ns]
         self._once, self._twice = np.zeros(14), np.zeros(14)
@@ -78,8 +78,8 @@ class Balance:
         has = np.isfinite(event.value)
         if silent and (has != self._has).any():
             self.settle()
-            self._has, self._told = has, self._tells(has)
-            self._complete, self._comparable = bool(has.all()), bool(self._told.any())
+            self._has, self._measured = has, self._tells(has)
+            self._complete, self._comparable = bool(has.all()), bool(self._measured.any())
         if not (self._has & ~has).any():
             self._heard, self._value = event.stamp, np.where(self._has, event.value, _AT_REST)
 
@@ -122,7 +122,7 @@ class Balance:
                 self._square[:], self._since, time = 0.0, 0.0, 0.0
             self._since += time
             self._square += (1 - exp(-time / MEMORY)) * (square - self._square)
-        residual[:, ~self._told] = np.nan
+        residual[:, ~self._measured] = np.nan
         for estimate, row in zip(estimates, residual, strict=True):
             estimate.unbalanced[:] = row
 
@@ -167,9 +167,9 @@ class Balance:
             return Diagnostic("balance of forces", Level.OK, text)
         # Until as much time has passed, the mean is of that time alone.
         mean = np.sqrt(self._square / (1 - exp(-self._since / MEMORY)))
-        told = np.isfinite(self._car.shares(np.where(self._told, 0.0, np.nan)))
-        values = {f"{name} [%]": f"{100 * mean[i]:.1f}" for i, name in enumerate(SHARES) if told[i]}
-        over = [f"{name} {100 * mean[i]:.0f} %" for i, name in enumerate(SHARES) if told[i] and mean[i] > LARGEST[i]]
+        known = np.isfinite(self._car.shares(np.where(self._measured, 0.0, np.nan)))
+        values = {f"{name} [%]": f"{100 * mean[i]:.1f}" for i, name in enumerate(SHARES) if known[i]}
+        over = [f"{name} {100 * mean[i]:.0f} %" for i, name in enumerate(SHARES) if known[i] and mean[i] > LARGEST[i]]
         if over and self._since > MEMORY:
             text = f"tyre forces do not add up to what {self.sensor} feels: {', '.join(over)} off"
             return Diagnostic("balance of forces", Level.WARN, text, values)

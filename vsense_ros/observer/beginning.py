@@ -1,6 +1,6 @@
-"""What it takes to start: messages until they tell how the car moves; a start at a wrong speed is worse than none.
+"""What it takes to start: messages until they show how the car moves; a start at a wrong speed is worse than none.
 
-Until the filter knows the speed well, any sensor that tells another one draws it there, and those that are right are
+Until the filter knows the speed well, any sensor that measures another one draws it there, and those that are right are
 refused from then on. So in the first seconds sensors of the speed are held against each other: where three or more are
 there, one that differs from the median of all is not believed.
 """
@@ -21,7 +21,7 @@ from vsense_ros.model.vehicle import Vehicle
 _DISAGREEMENT = 5.0  # [m/s] between first speeds, beyond which one of them is wrong
 _APART = 0.05  # of the median of all speeds, and
 _APART_AT_LEAST = 0.5  # [m/s] by which one has to differ from it not to be believed
-_FEWEST = 3  # speeds of which one can be told to be wrong
+_FEWEST = 3  # speeds of which one can be seen to be wrong
 UNSURE = 2_000_000_000  # [ns] from the start on in which speeds are held against each other
 
 
@@ -42,7 +42,7 @@ class Beginning:
         self._kinds = [sensor.kind for sensor in intake.sensors]
         self._first: dict[int, Event] = {}  # newest measurement of each sensor
         self._gathered: dict[int, int] = {}  # when these arrived [ns]
-        self._newest: dict[int, tuple[int, float]] = {}  # stamp [ns] and speed [m/s] that each sensor told last
+        self._newest: dict[int, tuple[int, float]] = {}  # stamp [ns] and speed [m/s] that each sensor measured last
         self._first_stamp = 0
 
     @property
@@ -88,18 +88,18 @@ class Beginning:
         return True
 
     def _differs(self, index: int) -> float | None:
-        """The median [m/s] of the speeds that sensors tell, where this one is apart from it and most are not; None
-        otherwise, and where fewer than three tell a speed."""
-        told = self._newest.get(index)
-        if told is None:
+        """The median [m/s] of the speeds that sensors measure, where this one is apart from it and most are not; None
+        otherwise, and where fewer than three measure a speed."""
+        latest = self._newest.get(index)
+        if latest is None:
             return None
-        speeds = [speed for stamp, speed in self._newest.values() if abs(stamp - told[0]) < LONGEST_GAP * 1e9]
+        speeds = [speed for stamp, speed in self._newest.values() if abs(stamp - latest[0]) < LONGEST_GAP * 1e9]
         if len(speeds) < _FEWEST:
             return None
         middle = float(np.median(speeds))
         near = max(_APART_AT_LEAST, _APART * middle)
         agree = sum(abs(speed - middle) <= near for speed in speeds)
-        return middle if abs(told[1] - middle) > near and 2 * agree > len(speeds) else None
+        return middle if abs(latest[1] - middle) > near and 2 * agree > len(speeds) else None
 
     def _keep(self, event: Event) -> bool:
         """What is far apart in time, one of them by a wrong clock, does not describe the same start. A clock that
@@ -117,7 +117,7 @@ class Beginning:
         return True
 
     def _speeds(self, events: Iterable[Event]) -> list[float]:
-        """What each sensor that tells the car's speed says [m/s], in the order of their kinds."""
+        """What each sensor that measures the car's speed says [m/s], in the order of their kinds."""
         sensors = self._intake.sensors
         in_order = sorted(events, key=lambda event: sensors[event.sensor].place)
         speeds = (sensors[event.sensor].first_speed(event.value, self._vehicle.physics) for event in in_order)

@@ -148,7 +148,7 @@ class Estimate:
     def wheel_variance(self) -> Array:
         """Variances of force x, y, z [N²] and aligning moment [N² m²] of each wheel (4, 4), to first order.
 
-        Tyre forces are in proportion to the mass, of which the car's motion tells next to nothing: what it may weigh
+        Tyre forces are in proportion to the mass, of which the car's motion says next to nothing: what it may weigh
         beyond the file adds that share of each force, or what is left of it where the filter estimates the mass.
         """
         by_error, lacking = wheels_by_error(*self.wheel_slopes, self.car.layout.size)
@@ -236,8 +236,8 @@ class Estimate:
 
     @property
     def wheel_torques(self) -> Array:
-        """Drive minus brake of each wheel, (4,) [N m]: what the inputs tell, and what the wheels' spins showed to be
-        missing. Where the inputs tell nothing, errors of tyre force and rolling resistance are among it."""
+        """Drive minus brake of each wheel, (4,) [N m]: what the inputs have, and what the wheels' spins showed to be
+        missing. Where there are no such inputs, errors of tyre force and rolling resistance are among it."""
         return self.inputs[..., 1:] + self.state[..., FORCE][..., SPIN]
 
     @property
@@ -356,7 +356,7 @@ def _shares(load: Array) -> Array:
 def estimate_samples(e: Estimate) -> list[Sample]:
     """An estimate as the messages of the output topics; of `stacked` ones, fields have one row for each.
 
-    What is not determined is NaN, with the variance `UNTOLD` where the message has one.
+    What is not determined is NaN, with the variance `UNESTIMATED_VARIANCE` where the message has one.
     """
     rows = e.velocity.shape[:-1]
     absent = np.zeros((*rows, 0))
@@ -367,7 +367,7 @@ def estimate_samples(e: Estimate) -> list[Sample]:
     position, pose_covariance = e.position.copy(), e.pose_covariance.copy()
     position[..., 2] = np.where(height_absent, np.nan, position[..., 2])
     pose_covariance[height_absent, 2, :] = pose_covariance[height_absent, :, 2] = 0.0
-    pose_covariance[height_absent, 2, 2] = messages.UNTOLD
+    pose_covariance[height_absent, 2, 2] = messages.UNESTIMATED_VARIANCE
     unbalanced = {"force": e.unbalanced[..., :3], "torque": e.unbalanced[..., 3:]}
     samples = [
         messages.odometry(

@@ -153,7 +153,7 @@ class ImplicitCar(CarBlocks):
 
 @dataclass(frozen=True)
 class Work:
-    """How the work of an implicit step is done: what solves its systems, what is told the seconds since the start
+    """How the work of an implicit step is done: what solves its systems, what is given the seconds since the start
     before each step, when the iteration ends, and which parts of the car come from an accelerator."""
 
     solve: Solve = in_double
@@ -218,7 +218,7 @@ def accelerated(
     at: Callable[[float], None] | None = None,
     tolerance: float = TOLERANCE,
 ) -> MakeFilter:
-    """What makes the filter of a name of `ACCELERATED`, with these kernels by an accelerator. `at` is told the seconds
+    """What makes the filter of a name of `ACCELERATED`, with these kernels by an accelerator. `at` is given the seconds
     since the start before each step. Raises `InputError` for kernels that the filter has no use for."""
     if not name.startswith("full_"):
         work = work_with(client, kernels, at, tolerance)

@@ -2,7 +2,7 @@
 
 If model and settings are right, an observer's innovations are white, of unit deviation, and the generalized forces that
 it finds missing, its estimates of the road and of the sensors' errors stay near zero (Kailath 1968; Mehra & Peschon
-1971). How near on a vehicle of which nothing is wrong, no theory tells, since a model is always a little off. So the
+1971). How near on a vehicle of which nothing is wrong, no theory says, since a model is always a little off. So the
 limits come from recordings with nothing hidden, and a quantity that leaves them is named, with the time since when.
 """
 
@@ -119,7 +119,7 @@ class Monitor:
     over, statistics are made and judged; `on_statistics` then gets the stamp [ns], means and root mean squares (2, n)
     of `quantities`, NaN where there was nothing; `independent` (n,) then says how many values of such a window are
     independent of each other if the model is right, NaN where that is not known. `gates` are the largest normalized
-    innovations squared that are believed, of each sensor; `ready` tells whether the filter has converged.
+    innovations squared that are believed, of each sensor; `ready` says whether the filter has converged.
     Raises `InputError` for limits of another vehicle or of other sensors.
     """
 
@@ -147,7 +147,7 @@ class Monitor:
             self.quantities += [Quantity(f"{name} {each.name} innovation", "deviations") for each in shown]
             self.quantities.append(Quantity(f"{name} innovation squared", "expectations"))
             self._sensors.append(_Watched(slice(first, last), last, len(sensor.deviations()), gate))
-        known = any("torques" in sensor.tells for sensor in sensors.values())
+        known = any("torques" in sensor.measures for sensor in sensors.values())
         slow = [*_FORCES, *(_TORQUES if known else ())]
         biases = {f"{name}.{bias.name}": bias.unit for name, sensor in sensors.items() for bias in sensor.biases()}
         for index in range(DISTURB.start, car.layout.size):

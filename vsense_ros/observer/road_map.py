@@ -33,8 +33,8 @@ class Here:
     """The road where the car is."""
 
     slopes: Array  # (2,) along and across, positive uphill and with the left side higher [rad]
-    changes: Array  # (2,) of these along the way [rad/m], as far as profiles tell them
-    known: Array  # (2,) 1 for each of them that a profile tells, 0 where it is as everywhere, or on the way there
+    changes: Array  # (2,) of these along the way [rad/m], as far as profiles have them
+    known: Array  # (2,) 1 for each of them that a profile has, 0 where it is as everywhere, or on the way there
     sizes: Mapping[str, float]  # of effects, by dotted name
 
 
@@ -52,7 +52,7 @@ class RoadMap:
     @classmethod
     def of(cls, vehicle: Vehicle, on_map: Map) -> RoadMap | None:
         """The map of a vehicle file that has profiles, and a sensor of the position; None for others."""
-        placed = any("position" in sensor.tells for sensor in vehicle.sensors.values())
+        placed = any("position" in sensor.measures for sensor in vehicle.sensors.values())
         return cls(vehicle, on_map) if placed and any(map(_rows, vehicle.physics.effects.present())) else None
 
     def follow(self, filter: CarFilter) -> None:
@@ -83,14 +83,14 @@ class RoadMap:
             self._profiles = {e.id: Profile(_rows(e), self._on_map) for e in self._effects if _rows(e)}
         return self._here({id: profile.at(east, north, heading) for id, profile in self._profiles.items()})
 
-    def _here(self, told: Mapping[str, Told]) -> Here:
-        """The road where profiles have `told` this, by id."""
+    def _here(self, surveyed: Mapping[str, Surveyed]) -> Here:
+        """The road by what profiles say of this place, by the id of their effect."""
         slopes, changes, known, sizes = np.zeros(2), np.zeros(2), np.zeros(2), {}
         for effect in self._effects:
             if isinstance(effect, RoadEffect) and effect.profile:
-                beyond, change, surveyed = told.get(effect.id, NOWHERE)
+                beyond, change, on_profile = surveyed.get(effect.id, NOWHERE)
                 name = effect.size_name()
-                if surveyed:
+                if on_profile:
                     by_size = slope_by_size(effect)
                     known += by_size != 0.0
                     changes += change * by_size
@@ -100,15 +100,15 @@ class RoadMap:
         return Here(slopes, changes, np.minimum(known, 1.0), sizes)
 
 
-class Told(NamedTuple):
-    """What a profile tells of a place."""
+class Surveyed(NamedTuple):
+    """What a profile says of a place."""
 
     value: float  # beyond what the size is everywhere
     change: float  # of it along the way [1/m]
     surveyed: bool  # whether the place lies between two rows
 
 
-NOWHERE = Told(0.0, 0.0, False)
+NOWHERE = Surveyed(0.0, 0.0, False)
 
 
 class Profile:
@@ -122,8 +122,8 @@ class Profile:
         self._begin, self._length = joined, length[joined]
         self._along = np.diff(self._at, axis=0)[joined] / self._length[:, None]
 
-    def at(self, east: float, north: float, heading: float) -> Told:
-        """What it tells of a place [m] for who drives in a direction [rad]; beyond the last row the value falls to
+    def at(self, east: float, north: float, heading: float) -> Surveyed:
+        """What it says of a place [m] for who drives in a direction [rad]; beyond the last row the value falls to
         zero, which it is off the road."""
         place, way = np.array([east, north]), np.array([np.cos(heading), np.sin(heading)])
         off = place - self._at[self._begin]
@@ -135,7 +135,7 @@ class Profile:
             i = int(np.argmin(np.where(on, across, np.inf)))
             both = slice(self._begin[i], self._begin[i] + 2)
             place_on = share.item(i), self._length.item(i)
-            return Told(*road_profile.between(*place_on, self._value[both], self._change[both]), True)
+            return Surveyed(*road_profile.between(*place_on, self._value[both], self._change[both]), True)
         east, north = (place - self._at).T
         ahead, aside = np.cos(self._direction), np.sin(self._direction)
         along, across = np.abs(east * ahead + north * aside), np.abs(north * ahead - east * aside)
@@ -145,8 +145,8 @@ class Profile:
         i = int(np.argmin(np.where(near, along, np.inf)))
         ending, beginning = share[self._begin == i - 1], share[self._begin == i]
         if np.any(ending > 1) and np.any(beginning < 0):  # outside of a bend, abreast of the row
-            return Told(float(self._value[i]), float(self._change[i]), True)
-        return Told(float(self._value[i] * (1 - along[i] / SPACING)), 0.0, False)
+            return Surveyed(float(self._value[i]), float(self._change[i]), True)
+        return Surveyed(float(self._value[i] * (1 - along[i] / SPACING)), 0.0, False)
 
 
 def with_changes(rows: Rows, on_map: Map) -> Array:

@@ -26,5 +26,5 @@ def check_sensors(vehicle: Vehicle, sensors: Mapping[str, SensorBase]) -> None:
         if not any(measures.__get__(sensor) for sensor in sensors.values()):
             able = " or ".join(name for name, kind in KINDS.items() if measures.__get__(kind.model_construct()))
             raise InputError(
-                f"{vehicle.name}: no sensor tells {what}; the vehicle file lists {kinds}, one of {able} is needed"
+                f"{vehicle.name}: no sensor measures {what}; the vehicle file lists {kinds}, one of {able} is needed"
             )

@@ -1,8 +1,8 @@
 """Where a car stands, or was first seen, whose heading is not known yet.
 
-Until the car moves, GNSS tells where the antenna is, and nothing tells on which side of it the centre of gravity lies.
+Until the car moves, GNSS says where the antenna is, and nothing says on which side of it the centre of gravity lies.
 Many positions at one place are worth more than the last of them; they are taken for independent, as the filter does.
-Where only positions know north, the way from there tells the heading: the filter knows it but for a turn.
+Where only positions know north, the way from there gives the heading: the filter knows it but for a turn.
 """
 
 from __future__ import annotations
@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 Array = NDArray[np.float64]
 
-_TELLING_WAY = 10.0  # that a way must be longer than the deviation of its ends to tell a heading
+_LEAST_WAY = 10.0  # that a way must be longer than the deviation of its ends to give a heading
 _SHORTEST_WAY = 2.0  # [m] that does
 _LENGTH_ERROR = 0.3  # of a way, as a share of it, beyond which one of its ends is wrong
 _WAY_ERROR = 0.1  # of the way from standstill to where the heading is found, as a share of it
@@ -63,7 +63,7 @@ class Standstill:
         driven = complex(*position) - self._antenna + self._arm * (exp(1j * was) - exp(1j * self._yaw))
         way = complex(*seen) - self._antenna
         deviation = float(np.sqrt(variance.max() + 1 / self._precision))
-        if not abs(way) > max(_TELLING_WAY * deviation, _SHORTEST_WAY):
+        if not abs(way) > max(_LEAST_WAY * deviation, _SHORTEST_WAY):
             return None
         if not abs(abs(driven) - abs(way)) < _LENGTH_ERROR * abs(way):
             return None

@@ -121,7 +121,7 @@ class Prior:
             *(around.grade, around.bank, *np.sqrt(_roughness(around)[:, 1])),
             *(_PLACED, around.steering_offset, around.radius_error if torques.measured else _FIXED),
         ]
-        if any("position" in sensor.tells for sensor in sensors.values()):
+        if any("position" in sensor.measures for sensor in sensors.values()):
             deviation[DISTURB][ROAD_HEIGHT] = _HEIGHT  # over an origin that somebody else may have chosen
         time_constant = np.full(where.size, np.inf)
         time_constant[FORCE] = errors.time_constant

@@ -1,8 +1,8 @@
-"""Is the inertial sensor mounted as the vehicle file says? What it feels in vain while the car goes straight on tells.
+"""Is the inertial sensor mounted as the vehicle file says? What it feels in vain on straight roads shows it.
 
 On a straight road an accelerometer along or across the car feels what the speed changes by, and the slope of the road.
 A sensor that leans feels a part of gravity besides, always the same. The filter explains that by a bias and by the
-slope, whichever it knows less of; together they are what is felt in vain. Where a receiver's height tells the slope
+slope, whichever it knows less of; together they are what is felt in vain. Where a receiver's height gives the slope
 along the way, the bias alone is. On average over a straight drive roads lean by a few per cent at most.
 """
 
@@ -25,20 +25,20 @@ from vsense_ros.observer.state import DISTURB, FORWARD, SLOPES, YAW_RATE
 Array = NDArray[np.float64]
 
 LARGEST = 0.7  # [m/s²] felt in vain on average: 4.1° of gravity, or a road of 7 %
-LEAST = 20.0  # [s] of straight driving after which it is told
+LEAST = 20.0  # [s] of straight driving after which it is reported
 _MEMORY = 60.0  # [s] of it that the mean is of
 _STRAIGHT = 0.05  # [rad/s] of yaw up to which a road is straight, and a side slip changes nothing
 _MOVING = 3.0  # [m/s]
 _LONGEST_GAP = 0.5  # [s] between looks
 _OFTEN = 100_000_000  # [ns] from one look to the next
-_HEIGHT = 10.0  # [m] standard deviation of the road's height, up to which it is told
+_HEIGHT = 10.0  # [m] standard deviation of the road's height, up to which it is reported
 
 
 class Tilt:
     """Watches the vehicle's first inertial sensor, whose name is `sensor`; None: there is none."""
 
     def __init__(self, sensors: dict[str, SensorBase], car: CarBlocks) -> None:
-        able = [(i, name) for i, (name, one) in enumerate(sensors.items()) if "rates and forces" in one.tells]
+        able = [(i, name) for i, (name, one) in enumerate(sensors.items()) if "rates and forces" in one.measures]
         self.sensor = able[0][1] if able else None
         self._car = car
         self._stamp = 0
@@ -95,10 +95,10 @@ class Tilt:
         text = f"mounted tilted? Its attitude in the vehicle file lacks a {' and a '.join(words)}"
         roads = [
             f"{name} by {abs(100 * one / GRAVITY):.0f} %"
-            for name, one, told in (
+            for name, one, reported in (
                 ("climbs" if along > 0 else "falls", along, self._of_height),
                 ("leans", across, False),
             )
-            if abs(one) > LARGEST / 2 and not told
+            if abs(one) > LARGEST / 2 and not reported
         ]
         return f"{text}, or the road {' and '.join(roads)} all along" if roads else text

@@ -89,5 +89,5 @@ def turned(orientation: Array, vector: Array) -> Array:
 
 def receiver_noise(sensors: Iterable[SensorBase]) -> float:
     """Standard deviation of the best of the positions that sensors measure [m]; 0 if none does."""
-    noises = (float(sensor.deviations()[:2].max()) for sensor in sensors if "position" in sensor.tells)
+    noises = (float(sensor.deviations()[:2].max()) for sensor in sensors if "position" in sensor.measures)
     return min(noises, default=0.0)

@@ -46,7 +46,7 @@ class TorqueErrors:
         rate = np.full((2, len(WHEELS)), 1 / settings.wheel_spin_time_constant)
         driving, braking = train.driving_shares, np.array(train.braking_shares)
         shares = np.zeros((2, 4)) if driving is None else np.array([driving, braking])
-        rolling = any("rolling speed" in sensor.tells for sensor in sensors.values())
+        rolling = any("rolling speed" in sensor.measures for sensor in sensors.values())
         noises = [sensor.noise for sensor in sensors.values() if isinstance(sensor, WheelTorques)]
         if noises:
             deviation = noises[-1] / inertia

@@ -16,7 +16,7 @@ from vsense_ros.estimation.intake import Intake
 from vsense_ros.estimation.timeline import Channel, Event, Timeline
 from vsense_ros.messages.diagnostic import Diagnostic
 from vsense_ros.messages.recording import Sample
-from vsense_ros.model.sensors import SensorBase, Tells
+from vsense_ros.model.sensors import MeasuredQuantity, SensorBase
 from vsense_ros.model.vehicle import Vehicle
 from vsense_ros.observer.monitor import Limits, Monitor
 from vsense_ros.runner.guard import Vitals
@@ -100,9 +100,9 @@ class Adapter(ABC):
         """Take note of the intake and the timeline that the runner has made for this filter."""
         self.intake, self.timeline = intake, timeline
 
-    def tells(self, index: int) -> frozenset[Tells]:
+    def measures(self, index: int) -> frozenset[MeasuredQuantity]:
         """What the sensor at a place measures."""
-        return self.intake.sensors[index].tells
+        return self.intake.sensors[index].measures
 
     def uses(self, sensor: str) -> bool:
         """True if readings of this sensor do anything."""

@@ -48,13 +48,13 @@ class DirectionJudge(Judge):
     """The direction of motion of one car; `evidence` is the logarithm of the ratio of likelihoods, positive for the
     direction that the filter has.
 
-    While `reversed` is true, wheel speeds are taken with the other sign. `tell(stamp, sentence)` is called when the
+    While `reversed` is true, wheel speeds are taken with the other sign. `report(stamp, sentence)` is called when the
     filter has been turned around.
     """
 
-    def __init__(self, adapter: Adapter, tell: Callable[[int, str], None]) -> None:
+    def __init__(self, adapter: Adapter, report: Callable[[int, str], None]) -> None:
         super().__init__()
-        self._adapter, self._tell = adapter, tell
+        self._adapter, self._report = adapter, report
         sensors = tuple(adapter.sensors.values())
         self._steering = place_of(sensors, "steering")
         self._wheels = place_of(sensors, "rolling speed")
@@ -90,7 +90,7 @@ class DirectionJudge(Judge):
             if self._wheels >= 0:
                 self.reverse()
             self._adapter.turn_around(self._is_turned())
-            self._tell(timeline.stamp, "turned around: the car goes the other way")
+            self._report(timeline.stamp, "turned around: the car goes the other way")
             self.forget(timeline.stamp)
 
     def _is_turned(self) -> bool:

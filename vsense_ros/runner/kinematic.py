@@ -119,13 +119,13 @@ class KinematicAdapter(Adapter):
     def waiting(self) -> str:
         missing = self._beginning.missing()
         if missing:
-            return f"waiting for a sensor that tells {', '.join(missing)}"
+            return f"waiting for a sensor that measures {', '.join(missing)}"
         return "heading unknown until the car moves"
 
     # Readings
 
     def measured(self, event: Event) -> None:
-        if "course" in self._list[event.sensor].tells:
+        if "course" in self._list[event.sensor].measures:
             self._speed = float(np.nan_to_num(np.hypot(*event.value)))
 
     def correct(self, channel: Channel, event: Event) -> Innovation:
@@ -140,7 +140,7 @@ class KinematicAdapter(Adapter):
         sensor, value = self._list[event.sensor], event.value
         if (placed := self._placed[event.sensor]) is not None:
             value = placed(value)
-        elif "heading" in sensor.tells and (heading := sensor.heading(value, event.variance)) is not None:
+        elif "heading" in sensor.measures and (heading := sensor.heading(value, event.variance)) is not None:
             value = np.array([np.cos(heading[0]), np.sin(heading[0])])
         return value
 
@@ -192,8 +192,8 @@ class KinematicAdapter(Adapter):
     def moves(self, sensor: SensorBase, difference: Array, deviation: Array) -> list[Move]:
         names, mean = self.filter.names, self.filter.belief().mean
         spread = float(deviation.max())
-        wanted = ("east", "north") if "position" in sensor.tells else ("velocity_east", "velocity_north")
-        if "course" in sensor.tells and {"forward_velocity", "lateral_velocity", "yaw"} <= set(names):
+        wanted = ("east", "north") if "position" in sensor.measures else ("velocity_east", "velocity_north")
+        if "course" in sensor.measures and {"forward_velocity", "lateral_velocity", "yaw"} <= set(names):
             wanted, yaw = ("forward_velocity", "lateral_velocity"), mean[names.index("yaw")]
             difference = np.array([[np.cos(yaw), np.sin(yaw)], [-np.sin(yaw), np.cos(yaw)]]) @ difference
         if not set(wanted) <= set(names):
@@ -261,7 +261,7 @@ class KinematicAdapter(Adapter):
 def _placed(sensor: SensorBase) -> Callable[[Array], Array] | None:
     """What brings a reading (6,) of an inertial sensor into the axes of the car and, as far as rates alone determine
     it, to cog; None of a sensor that is there, and of all others."""
-    if "rates and forces" not in sensor.tells:
+    if "rates and forces" not in sensor.measures:
         return None
     arm = sensor.mounting()[:3]
     along, across, up = arm.tolist()
@@ -285,10 +285,10 @@ def _placed(sensor: SensorBase) -> Callable[[Array], Array] | None:
 
 def _only_drives(sensor: SensorBase, filter: Aided) -> bool:
     """True for an inertial sensor whose readings are inputs, and measure nothing."""
-    if "rates and forces" not in sensor.tells or not filter.needs(sensor):
+    if "rates and forces" not in sensor.measures or not filter.needs(sensor):
         return False
     names = (one.name for one in filter.definition.measurements)
-    return not any(name in MEASUREMENTS and MEASUREMENTS[name].tells in sensor.tells for name in names)
+    return not any(name in MEASUREMENTS and MEASUREMENTS[name].measures in sensor.measures for name in names)
 
 
 adapter_of.register(Aided, KinematicAdapter)

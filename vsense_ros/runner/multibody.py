@@ -59,11 +59,11 @@ class CarAdapter(Adapter):
         self.filter, self.car, self.sensors = filter, filter.car, sensors
         self.merge = vehicle.observer.merge_window
         self.left_out = left_out_of_observer(vehicle)
-        self.has_position = any("position" in sensor.tells for sensor in sensors.values())
+        self.has_position = any("position" in sensor.measures for sensor in sensors.values())
         self.balance = Balance(vehicle, sensors)
         self.tilt = Tilt(sensors, self.car)
         self._start: Start | None = None
-        if any("steering" in sensor.tells for sensor in sensors.values()):
+        if any("steering" in sensor.measures for sensor in sensors.values()):
             self.steering_error = DISTURB.start + STEERING_OFFSET
         around = vehicle.observer.surroundings
         spread = GUARD.road_deviations * np.array([around.grade, around.bank])
@@ -138,7 +138,7 @@ class CarAdapter(Adapter):
         text = "waiting for " + (", ".join(missing) if missing else "a speed")
         if missing and not self._beginning.tells_speed:
             able = (name for name, sensor in self.sensors.items() if sensor.tells_speed)
-            text += f"; nothing tells the speed, which {' or '.join(able)} would"
+            text += f"; nothing measures the speed, which {' or '.join(able)} would"
         return text
 
     def contradicts_start(self, event: Event) -> bool:
@@ -160,7 +160,7 @@ class CarAdapter(Adapter):
     def axes(self) -> dict[int, Judged]:
         found = {}
         for i, sensor in enumerate(self.sensors.values()):
-            if "rates and forces" in sensor.tells:
+            if "rates and forces" in sensor.measures:
                 words = tuple(one.words for one in sensor.components)
                 found[i] = Judged(words, tuple(range(len(words))), 0, sensor.gate)
         return found
@@ -191,7 +191,7 @@ class CarAdapter(Adapter):
         return factor @ innovation.whitened, np.sqrt(np.sum(factor**2, axis=1))
 
     def moves(self, sensor: SensorBase, difference: Array, deviation: Array) -> list[Move]:
-        if "position" in sensor.tells:
+        if "position" in sensor.measures:
             return [Move(i, by, sd) for i, by, sd in zip((X, Y), difference.tolist(), deviation.tolist(), strict=True)]
         yaw, spread = self.car.mean.item(YAW), float(deviation.max())
         forward, left = np.array([[np.cos(yaw), np.sin(yaw)], [-np.sin(yaw), np.cos(yaw)]]) @ difference
@@ -232,9 +232,9 @@ class CarAdapter(Adapter):
     def condition(self, converged: bool) -> str:
         if self.heading_known:
             return "converged" if converged else "converging"
-        moving = any(sensor.tells & {"course", "position"} for sensor in self.sensors.values())
+        moving = any(sensor.measures & {"course", "position"} for sensor in self.sensors.values())
         silent = all(not self.intake.sends(i) for i, sensor in enumerate(self.sensors.values()) if sensor.on_map)
-        until = "GNSS comes" if moving and silent else "the car moves" if moving else "two antennas tell it"
+        until = "GNSS comes" if moving and silent else "the car moves" if moving else "two antennas measure it"
         return f"heading unknown until {until}"
 
     def snapshot(self, stamp: int) -> Estimate:

@@ -6,13 +6,13 @@ from enum import Enum
 
 _RECKONING = 1.0  # [s] without a position that is believed, or ten of its periods, from which on the place is reckoned
 _LOST = 5.0  # [s] after which it is not to be used
-_STEADY = 5.0  # [s] that positions must keep coming before it counts as told again
+_STEADY = 5.0  # [s] that positions must keep coming before it counts as known again
 
 
 class Place(Enum):
     """How the place on the map is known."""
 
-    TOLD = "position told"
+    KNOWN = "position known"
     RECKONED = "dead reckoning"
     LOST = "position not valid"
     NEVER = "no position yet"
@@ -57,4 +57,4 @@ class Placement:
             return Place.LOST
         if age > self._longest or (self._broken and self._last - self._first < _STEADY * 1e9):
             return Place.RECKONED
-        return Place.TOLD
+        return Place.KNOWN

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from vsense_ros.estimation.filter import Innovation
 from vsense_ros.estimation.intake import Intake
 from vsense_ros.estimation.timeline import Event
-from vsense_ros.model.sensors import SensorBase, Tells
+from vsense_ros.model.sensors import MeasuredQuantity, SensorBase
 from vsense_ros.runner.adapter import Adapter, Move
 
 Array = NDArray[np.float64]
@@ -22,27 +22,27 @@ Array = NDArray[np.float64]
 _KEPT = 64  # refused measurements that are looked at
 _STEADY = 0.2  # scatter of what they differ by, as a share of it, or
 _EXPECTED = 2.0  # in standard deviations of what is expected, up to which they agree with each other
-_SPEED: frozenset[Tells] = frozenset({"rolling speed", "ground speed"})
-_MOTION: frozenset[Tells] = _SPEED | {"position"}  # what contradicts a speed
+_SPEED: frozenset[MeasuredQuantity] = frozenset({"rolling speed", "ground speed"})
+_MOTION: frozenset[MeasuredQuantity] = _SPEED | {"position"}  # what contradicts a speed
 
 
 class Resets:
-    """Resets of one filter; `told` are stamp [ns] and sentence of all of them, newest last."""
+    """Resets of one filter; `reported` are stamp [ns] and sentence of all of them, newest last."""
 
     def __init__(self, adapter: Adapter, intake: Intake[SensorBase]) -> None:
         self._adapter, self._intake = adapter, intake
         self._differences: dict[int, list[tuple[Array, Array]]] = {}
         self._asked: list[Move] = []
-        self.told: list[tuple[int, str]] = []
+        self.reported: list[tuple[int, str]] = []
 
     def forget(self) -> None:
         """The filter begins anew."""
         self._differences.clear()
         self._asked.clear()
 
-    def tell(self, stamp: int, sentence: str) -> None:
+    def report(self, stamp: int, sentence: str) -> None:
         """Something was reset."""
-        self.told.append((stamp, sentence))
+        self.reported.append((stamp, sentence))
 
     @property
     def waiting(self) -> bool:
@@ -56,7 +56,7 @@ class Resets:
 
     def refused(self, event: Event, innovation: Innovation) -> None:
         """A measurement was refused."""
-        if not self._intake.sensors[event.sensor].tells & {"position", "course"}:
+        if not self._intake.sensors[event.sensor].measures & {"position", "course"}:
             return
         difference = self._adapter.difference(event, innovation)
         if difference is None:
@@ -71,13 +71,13 @@ class Resets:
         """True if no sensor that is believed measures what this one does; a speed is measured by positions, too, by
         and by."""
         sensors, health = self._intake.sensors, self._intake.health
-        tells = sensors[index].tells
-        if tells & _SPEED:
-            tells = tells | _MOTION
+        measured = sensors[index].measures
+        if measured & _SPEED:
+            measured = measured | _MOTION
         others = (
             i
             for i, sensor in enumerate(sensors)
-            if i != index and not sensor.is_input and sensor.tells & tells and self._intake.sends(i)
+            if i != index and not sensor.is_input and sensor.measures & measured and self._intake.sends(i)
         )
         return all(health[i].refused_in_a_row for i in others)
 
@@ -85,7 +85,7 @@ class Resets:
         """Ask for the jump to where a sensor says the car is, or as fast as it says. False if the filter has no such
         element, or the sensor measures neither; True also while its measurements scatter too much to be followed."""
         sensor = self._intake.sensors[event.sensor]
-        if not sensor.tells & {"position", "course"} or not self._adapter.moves(sensor, np.zeros(2), np.zeros(2)):
+        if not sensor.measures & {"position", "course"} or not self._adapter.moves(sensor, np.zeros(2), np.zeros(2)):
             return False
         found = self._difference(event.sensor)
         if found is None:
@@ -93,10 +93,10 @@ class Resets:
         difference, deviation = found
         self._asked += self._adapter.moves(sensor, difference, deviation)
         far = float(np.hypot(*difference))
-        what = f"position moved by {far:.1f} m" if "position" in sensor.tells else f"velocity moved by {far:.1f} m/s"
+        what = f"position moved by {far:.1f} m" if "position" in sensor.measures else f"velocity moved by {far:.1f} m/s"
         self._intake.health[event.sensor].refused_in_a_row = 0
         self._differences.pop(event.sensor)
-        self.tell(now, f"{what} to where {name} says it is")
+        self.report(now, f"{what} to where {name} says it is")
         return True
 
     def _difference(self, index: int) -> tuple[Array, Array] | None:

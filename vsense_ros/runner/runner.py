@@ -77,8 +77,8 @@ class Runner:
         self.intake = Intake(self.sensors, Map(map_origin), settings.history, self._is_moving, adapter.merge)
         self.health = self.intake.health
         channels = adapter.channels()
-        self.vote = Vote(adapter, channels, others_there=self._others_there, by_hand=self._move, tell=self._complain)
-        direction = DirectionJudge(adapter, lambda stamp, sentence: self.resets.tell(stamp, sentence))
+        self.vote = Vote(adapter, channels, others_there=self._others_there, by_hand=self._move, report=self._complain)
+        direction = DirectionJudge(adapter, lambda stamp, sentence: self.resets.report(stamp, sentence))
         judges = (
             FitJudge(adapter, self._all_believed),
             direction,
@@ -305,7 +305,7 @@ class Runner:
         self.vote.forget(self.stamp)
         self.judges.forget(self.stamp)
         self.resets.forget()
-        self.resets.tell(self.stamp, f"gone back to the state of {age:.1f} s before: {why}")
+        self.resets.report(self.stamp, f"gone back to the state of {age:.1f} s before: {why}")
 
     def _give_up(self, why: str) -> None:
         """Stop the filter, which is an error, until it may start anew."""
@@ -347,7 +347,7 @@ class Runner:
         if not self.intake.out_of_patience(event.sensor, innovation.nis, channel.limit):
             return
         if self.adapter.begin_anew(event):
-            self.resets.tell(self.stamp, f"heading and velocity begun anew as {channel.name} tells them")
+            self.resets.report(self.stamp, f"heading and velocity begun anew as {channel.name} measures them")
         elif self.resets.is_alone(event.sensor) and not self.resets.ask(event, self.stamp, channel.name):
             self.adapter.pull(channel, event, innovation.nis)
 
@@ -361,7 +361,7 @@ class Runner:
         measured = channel.first_input is None
         self.intake.count(event, nis, channel.limit, measured=measured)
         place = self.placement
-        if place is not None and 0 <= nis <= channel.limit and "position" in self.intake.sensors[event.sensor].tells:
+        if place is not None and 0 <= nis <= channel.limit and "position" in self.intake.sensors[event.sensor].measures:
             place.believed(event.stamp)
         if measured and event.sensor not in self.vote.axes:
             self.vote.measured(event.sensor, self.stamp, nis, len(event.value), channel.limit)
@@ -470,13 +470,13 @@ class Runner:
             doubts += [*judge.doubts, *(f"without {self.names[index]}" for index in judge.out)]
         if self.placement is not None:
             place = self.placement.at(self.stamp)
-            if place is not Place.TOLD:
+            if place is not Place.KNOWN:
                 doubts.append(place.value)
             if place in (Place.RECKONED, Place.LOST):
                 values["without position"] = f"{self.placement.age(self.stamp):.1f} s"
-        if self.resets.told:
-            stamp, sentence = self.resets.told[-1]
-            values["resets"] = str(len(self.resets.told))
+        if self.resets.reported:
+            stamp, sentence = self.resets.reported[-1]
+            values["resets"] = str(len(self.resets.reported))
             if self.stamp - stamp < _NEWS:
                 doubts.append(sentence)
         level = Level.OK if converged and not doubts else Level.WARN

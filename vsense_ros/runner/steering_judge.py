@@ -30,9 +30,9 @@ class SteeringJudge(Judge):
 
     why = "contradicts what gyro, wheels, accelerometer and course agree on"
 
-    def __init__(self, adapter: Adapter, vote: Vote, shift: int, tell: Callable[[int, str], None]) -> None:
+    def __init__(self, adapter: Adapter, vote: Vote, shift: int, report: Callable[[int, str], None]) -> None:
         super().__init__()
-        self._adapter, self._vote, self._shift, self._tell = adapter, vote, shift, tell
+        self._adapter, self._vote, self._shift, self._report = adapter, vote, shift, report
         self._witnesses = YawWitnesses(adapter.vehicle, adapter.sensors)
         self.hears = self._witnesses.hears
         self._yaw_rate = _axis_of_yaw_rate(tuple(adapter.sensors.values()))
@@ -105,7 +105,7 @@ class SteeringJudge(Judge):
         jump = abs(angle - before)
         if not jump > WITNESSES.jump + WITNESSES.fastest * period or not 0 < stamp - at < STEERING.undecided:
             return False
-        self._tell(self.place, f"jumped by {degrees(jump):.1f}° at the road wheels")
+        self._report(self.place, f"jumped by {degrees(jump):.1f}° at the road wheels")
         return True
 
     def settle(self, timeline: Timeline) -> None:

@@ -62,7 +62,7 @@ class Vote:
     without.
 
     `others_there()` is true if any other sensor measures the motion of the car. `by_hand` lets an event act on the
-    filter that is no measurement; `tell(sensor, sentence)` is called when something of a sensor is not believed, with
+    filter that is no measurement; `report(sensor, sentence)` is called when something of a sensor is not believed, with
     an empty one when that was wrong.
     """
 
@@ -73,10 +73,10 @@ class Vote:
         *,
         others_there: Callable[[], bool],
         by_hand: Callable[[Event], None],
-        tell: Callable[[int, str], None],
+        report: Callable[[int, str], None],
     ) -> None:
         self._adapter = adapter
-        self._others_there, self._by_hand, self._tell = others_there, by_hand, tell
+        self._others_there, self._by_hand, self._report = others_there, by_hand, report
         self.axes = {
             i: Axes(i, channels[i], one.words, one.judged, one.conditions, one.gate**2)
             for i, one in adapter.axes().items()
@@ -160,7 +160,7 @@ class Vote:
             if not first:
                 continue
             far = abs(found.nis) ** 0.5
-            self._tell(axes.index, f"{axes.words[axis]}: innovation {far:.1f} standard deviations")
+            self._report(axes.index, f"{axes.words[axis]}: innovation {far:.1f} standard deviations")
             begin, last, count = axes.refused_from.get(axis, (now, now, 0))
             if now - last > VOTE.streak:
                 begin, count = now, 0
@@ -252,7 +252,7 @@ class Vote:
         axes.out[axis] = Out(since, why, now)
         axes.refused_from.pop(axis, None)
         axes.sums.forget(axis)
-        self._tell(axes.index, f"{axes.words[axis]} {why}: not believed any more")
+        self._report(axes.index, f"{axes.words[axis]} {why}: not believed any more")
 
     def _ask(self, axes: Axes, event: Event) -> None:
         """Compare the axes that are out with what is expected, and believe those again that agree by now."""
@@ -384,7 +384,7 @@ class Vote:
         once more."""
         for axes, axis, _ in list(self.doubtful(since)):
             del axes.out[axis]
-            self._tell(axes.index, "")
+            self._report(axes.index, "")
         for event in ahead:
             judged = self.axes.get(event.sensor)
             if judged is not None and event.whole is not None:
@@ -456,7 +456,7 @@ class Vote:
                 self._by_hand(event)
                 return
             if channel.first_input is not None:
-                if free is None or "steering" not in self._adapter.tells(event.sensor):
+                if free is None or "steering" not in self._adapter.measures(event.sensor):
                     self._adapter.give(channel, event)
                 return
             axes = self.axes.get(event.sensor)

@@ -49,7 +49,7 @@ def read(
     With several databases each is of a bus: `can0=car.dbc`, or as its mapping says (`bus`), or the bus on which the
     messages of its mapping come. There is a mapping for each, in their order, or one whose messages are in one each.
 
-    Times are those of the log: Unix times where it tells a date, else from its start.
+    Times are those of the log: Unix times where it has a date, else from its start.
     """
     decoders = decoders_of(path, dbc, mapping, channel)
     return decoded(path, read_frames(path), decoders)
@@ -165,8 +165,8 @@ def _one_bus(frames: CanFrames, group: NDArray[np.intp], name: str, notes: list[
     if len(buses) == 1:
         return group
     chosen = buses[np.argmax(count)]
-    told = ", ".join(frames.channels[bus] or "?" for bus in buses)
-    notes.append(f"{name} is on the channels {told}; those of {frames.channels[chosen]} are used (option channel)")
+    listed = ", ".join(frames.channels[bus] or "?" for bus in buses)
+    notes.append(f"{name} is on the channels {listed}; those of {frames.channels[chosen]} are used (option channel)")
     return group[frames.channel[group] == chosen]
 
 

@@ -2,7 +2,7 @@
 
 What was found in the recordings and is taken care of here:
 
-- `t` is the monotonic clock of the phone. `global_pose/frame_gps_times` tells it in GPS time, constant to 1 µs.
+- `t` is the monotonic clock of the phone. `global_pose/frame_gps_times` has it in GPS time, constant to 1 µs.
 - Phone and calibrated gyro have axes forward, right, down; the accelerometer gives specific force in them.
 - The u-blox fixes carry their time of measurement as UTC; they arrive 0.18 to 0.24 s later. Their heights are
   ellipsoidal.

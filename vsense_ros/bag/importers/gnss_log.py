@@ -62,14 +62,14 @@ def read(path: Path) -> Recording:
     if link.not_decoded:
         notes.append(f"{path.name}: not decoded: {link.not_decoded}")
     if not samples:
-        told = "; ".join(d.message for d in health if d.level > 0)
-        raise InputError(f"{path}: no fix and no velocity in {counts['frames']} frames: {told}")
+        reasons = "; ".join(d.message for d in health if d.level > 0)
+        raise InputError(f"{path}: no fix and no velocity in {counts['frames']} frames: {reasons}")
     channels = {topic: _channel(topic, found) for topic, found in samples.items()}
     return Recording(channels, path.stem, tuple(notes), 0, {"source": NAME})
 
 
 def _sentences(path: Path) -> Iterator[tuple[int, bytes]]:
-    """Lines, each with the time of day that the latest sentence told [ns], which stands for its arrival."""
+    """Lines, each with the time of day that the latest sentence had [ns], which stands for its arrival."""
     at, day = 0, 0
     with path.open("rb") as file:
         while line := file.readline(_BLOCK):

@@ -34,7 +34,7 @@ _BAGS = ("mcap", "rosbag1", "rosbag2")  # importers whose mapping is one of topi
 _MOST_TURNS = 3  # rounds of reversing signs, each of which may show another one
 _LEAST_FORCE, _IN_G = 0.3, (0.06, 0.2)  # [m/s²] of lateral acceleration that shows its unit, and its ratio in g
 _MOST_RADIANS = 2.0  # [rad/s] that a car turns at the most
-_RADIUS = 0.32  # [m] of a wheel whose speed is told at its rim
+_RADIUS = 0.32  # [m] of a wheel whose speed is that of its rim
 
 
 @dataclass(frozen=True)
@@ -207,7 +207,7 @@ def _has_date(table: Dialect, index: int, keys: Mapping[str, Any]) -> bool:
 
 
 def _signal(name: str, topic: str, field: str, stated: str, values: Array, remarks: list[str]) -> dict[str, Any] | None:
-    """A signal with a unit that is stated, or that its size tells."""
+    """A signal with a unit that is stated, or that follows from its size."""
     good = values[np.isfinite(values)]
     if len(good) < 2:
         return None

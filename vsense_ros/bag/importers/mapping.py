@@ -164,7 +164,7 @@ class Signal(_Model):
 
 
 def _form(value: object) -> str:
-    """Which of the forms of a field this is; tells pydantic which one to check."""
+    """Which of the forms of a field this is; by which pydantic knows which one to check."""
     if isinstance(value, list):
         return "three signals"
     if isinstance(value, Mapping) and value and all(isinstance(inner, Mapping) for inner in value.values()):
@@ -313,7 +313,7 @@ def default_mapping(path: Path, mapping: str | Path | Mapping[str, Any] | None) 
             return candidate
     raise InputError(
         f"{path}: which column is what? Expected a mapping file {path.with_suffix('.yaml').name} beside it or the "
-        "option mapping; 'vsense import --guess' proposes one, vsense_ros/bag/importers/mapping.py tells its form"
+        "option mapping; 'vsense import --guess' proposes one, vsense_ros/bag/importers/mapping.py defines its form"
     )
 
 

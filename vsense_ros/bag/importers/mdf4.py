@@ -94,9 +94,9 @@ def _column(path: Path, file: Any, ref: Ref) -> Column:
         hint = f"; similar: {', '.join(close[:8])}" if close else ""
         raise InputError(f"{path}: no channel {ref.name!r}{hint}")
     if ref.group is None and len(places) > 1:
-        told = ", ".join(f"{group} ({file.groups[group].channel_group.cycles_nr} samples)" for group in groups)
+        listed = ", ".join(f"{group} ({file.groups[group].channel_group.cycles_nr} samples)" for group in groups)
         raise InputError(
-            f"{path}: channel {ref.name!r} is in {len(places)} groups: {told}; say which, group: {places[0][0]}"
+            f"{path}: channel {ref.name!r} is in {len(places)} groups: {listed}; say which, group: {places[0][0]}"
         )
     group, index = next(place for place in places if ref.group in (None, place[0]))
     try:

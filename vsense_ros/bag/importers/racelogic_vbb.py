@@ -281,5 +281,5 @@ class _Parser:
 
 
 def _unix_seconds(ticks: int) -> int:
-    """Unix time of a time stamp in 100 ns since the year 1, whose two upper bits tell the time zone."""
+    """Unix time of a time stamp in 100 ns since the year 1, whose two upper bits are the time zone."""
     return ((ticks & 0x3FFF_FFFF_FFFF_FFFF) - _UNIX_TICKS) // 10_000_000

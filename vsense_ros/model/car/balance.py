@@ -16,7 +16,7 @@ from vsense_ros.model.vehicle import Physics
 Array = NDArray[np.float64]
 
 X, Y, Z, ABOUT_X, ABOUT_Y, ABOUT_Z = range(6)  # of a wrench
-# What `CarBalance.shares` tells: forces as shares of the weight, loads of themselves at rest, the moment of the weight
+# What `CarBalance.shares` gives: forces as shares of the weight, loads of themselves at rest, the moment of the weight
 # times the wheelbase.
 SHARES = ("longitudinal force", "lateral force", "vertical force", "front load", "rear load", "yaw moment")
 

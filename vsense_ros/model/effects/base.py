@@ -94,11 +94,11 @@ class Effect(Part):
     sentence: ClassVar[str]  # the physics in words, as the end of "the model leaves out …"
     known: ClassVar[bool] = True  # False: terms that describe, and explain nothing
     mistaken_for: ClassVar[tuple[str, ...]] = ()  # ids of effects that look alike
-    # Other forms of the effect by the words that tell where it is, each with the values of its fields.
+    # Other forms of the effect by the words for where it is, each with the values of its fields.
     variants: ClassVar[Mapping[str, Mapping[str, float]]] = MappingProxyType({})
     needs: ClassVar[tuple[str, ...]] = ()  # kinds of sensors without which nothing can be said of it
-    # By who tells the motion of a car (gyro, accelerometer, or the kind of a sensor) the size that is how much older
-    # than its stamps that one is [s].
+    # By what measures the motion of a car (gyro, accelerometer, or the kind of a sensor) the size that is how much
+    # older than its stamps that one is [s].
     delays: ClassVar[Mapping[str, str]] = MappingProxyType({})
     on_map: ClassVar[bool] = False  # whether its sizes have directions on the map
     each: ClassVar[str] = "axis"  # what it has a size of each of, where that is neither wheel nor axle
@@ -215,8 +215,8 @@ class RoadEffect(Effect):
     def left_out_of_observer(self, sensors: Collection[SensorBase]) -> str:
         if self.profile and self._is_plane:
             return self._without([_PROFILE])
-        unplaced = self.profile and not any("position" in sensor.tells for sensor in sensors)
-        return self._without([f"{_PROFILE}, as no sensor tells where the car is"] if unplaced else [])
+        unplaced = self.profile and not any("position" in sensor.measures for sensor in sensors)
+        return self._without([f"{_PROFILE}, as no sensor measures where the car is"] if unplaced else [])
 
     @classmethod
     def size_name(cls) -> str:

@@ -180,7 +180,7 @@ class _Unmodelled(Effect):
         return torque + to_the_right * self._sum(_ACROSS[corner.index // 2], car)
 
     def left_out_of_observer(self, sensors: Collection[SensorBase]) -> str:
-        if any("torques" in sensor.tells for sensor in sensors):
+        if any("torques" in sensor.measures for sensor in sensors):
             return ""
         asking = [
             f"{channel}_{name}"
@@ -188,7 +188,7 @@ class _Unmodelled(Effect):
             for name, feature in features.items()
             if feature.by_torque and getattr(self, f"{channel}_{name}")
         ]
-        return f"{', '.join(asking)}, as no sensor tells the wheel torques" if asking else ""
+        return f"{', '.join(asking)}, as no sensor measures the wheel torques" if asking else ""
 
     def _sum(self, channel: str, car: MovingCar) -> ca.SX:
         terms = (getattr(self, f"{channel}_{feature}") * each.value(car) for feature, each in TERMS[channel].items())

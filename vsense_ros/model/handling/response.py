@@ -78,8 +78,8 @@ class Response:
         moved = ca.jacobian(after, x) @ slopes + ca.jacobian(after, p)
         both, both_after = (ca.horzcat(*pair) for pair in ((x, slopes), (after, moved)))
         self._slope_step = ca.Function("slope_step", [both, u, p, h], [both_after])
-        told = ca.jacobian(outputs, x) @ slopes + ca.jacobian(outputs, p)
-        self._told_slopes = ca.Function("told_slopes", [both, u, p], [told])
+        slopes_of_outputs = ca.jacobian(outputs, x) @ slopes + ca.jacobian(outputs, p)
+        self._output_slopes = ca.Function("output_slopes", [both, u, p], [slopes_of_outputs])
         following = model.following(*named)
         followed = ca.vertcat(*(following.get(name, u[i]) for i, name in enumerate(model.inputs)))
         by_motion, kept = ca.jacobian(followed, x), ca.jacobian(followed, u)
@@ -132,15 +132,15 @@ class Response:
         """Derivatives of the outputs by the parameters along a drive, (n, m, p), inputs (n, k) held for `step` [s]: by
         forward propagation, exactly those of the steps that `drive` takes."""
         steps, count = len(inputs), len(self.parameters)
-        run, told = self._slope_step.mapaccum("slopes", steps), self._told_slopes.map(steps)
+        run, output_slopes = self._slope_step.mapaccum("slopes", steps), self._output_slopes.map(steps)
         held = np.broadcast_to(self.parameters[:, None], (count, steps))
         begin = ca.horzcat(ca.DM(start), ca.DM.zeros(len(start), count))
         after = run(begin, inputs.T, held, np.full((1, steps), step))
         before = ca.horzcat(begin, after[:, : -(count + 1)])
-        found = np.asarray(told(before, inputs.T, held))
+        found = np.asarray(output_slopes(before, inputs.T, held))
         return found.reshape(len(self.model.outputs), steps, count).transpose(1, 0, 2)
 
-    def told(self, states: Array, inputs: Array) -> Array:
+    def output_values(self, states: Array, inputs: Array) -> Array:
         """Outputs (n, m) of states (n, states) with inputs (n, k)."""
         run = self.outputs.map(len(states))
         held = np.broadcast_to(self.parameters[:, None], (len(self.parameters), len(states)))

@@ -1,6 +1,6 @@
 """Putting a linkage together: coordinates that close its loops, and whether its constraints make sense.
 
-A linkage that cannot be closed, a constraint that says what others say already, and one that contradicts them are told
+A linkage that cannot be closed, a constraint that says what others say already, and one that contradicts them are named
 apart here, and refused with a sentence.
 """
 

@@ -44,7 +44,7 @@ def turned(bodies: Array) -> Array:
 @dataclass(frozen=True)
 class Outside:
     """What is computed outside: solutions of systems, and the matrices of bodies, as `turned`; None: by the model. `at`
-    is told the seconds since the start before each step."""
+    is given the seconds since the start before each step."""
 
     solve: Solve
     turn: Turn | None = None

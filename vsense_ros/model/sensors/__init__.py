@@ -18,7 +18,15 @@ from typing import Annotated, Any
 from pydantic import Field
 
 from vsense_ros.messages.topics import TOPICS, Topic
-from vsense_ros.model.sensors.base import Bias, ComparedSignal, Component, JointSensor, Response, SensorBase, Tells
+from vsense_ros.model.sensors.base import (
+    Bias,
+    ComparedSignal,
+    Component,
+    JointSensor,
+    MeasuredQuantity,
+    Response,
+    SensorBase,
+)
 from vsense_ros.model.sensors.body_velocity import BodyVelocity
 from vsense_ros.model.sensors.gnss_attitude import GnssAttitude
 from vsense_ros.model.sensors.gnss_position import GnssPosition
@@ -50,7 +58,7 @@ KINDS: dict[str, type[SensorBase]] = {
 
 
 def any_sensor() -> Any:
-    """The type of a sensor of any kind, which the key `kind` tells."""
+    """The type of a sensor of any kind, which the key `kind` names."""
     return Annotated[reduce(or_, KINDS.values()), Field(discriminator="kind")]
 
 
@@ -84,19 +92,19 @@ def words_of(kind: str) -> str:
     return KINDS[kind].words or kind.replace("_", " ")
 
 
-def telling(sensors: Iterable[tuple[str, SensorBase]], what: Tells) -> str | None:
-    """The name of the sensor that tells something best, among names and sensors: of the kind that comes first in lists
-    of kinds, the last; None if there is none."""
+def best_measuring(sensors: Iterable[tuple[str, SensorBase]], what: MeasuredQuantity) -> str | None:
+    """The name of the sensor that measures something best, among names and sensors: of the kind that comes first in
+    lists of kinds, the last; None if there is none."""
     names: dict[tuple[int, str], str] = {}
     for name, sensor in sensors:
-        if what in sensor.tells:
+        if what in sensor.measures:
             names[sensor.place, sensor.kind] = name
     return names[min(names)] if names else None
 
 
-def place_of(sensors: Iterable[SensorBase], what: Tells) -> int:
-    """The place of the first sensor that tells something, -1 for none."""
-    return next((i for i, sensor in enumerate(sensors) if what in sensor.tells), -1)
+def place_of(sensors: Iterable[SensorBase], what: MeasuredQuantity) -> int:
+    """The place of the first sensor that measures something, -1 for none."""
+    return next((i for i, sensor in enumerate(sensors) if what in sensor.measures), -1)
 
 
 __all__ = [
@@ -110,19 +118,19 @@ __all__ = [
     "GnssVelocity",
     "Imu",
     "JointSensor",
+    "MeasuredQuantity",
     "Response",
     "SensorBase",
     "Steering",
     "Suspension",
-    "Tells",
     "VehicleSpeed",
     "WheelSpeeds",
     "WheelTorques",
     "any_sensor",
+    "best_measuring",
     "compared_signals",
     "known_topics",
     "place_of",
-    "telling",
     "unheard",
     "words_of",
 ]

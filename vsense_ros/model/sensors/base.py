@@ -33,14 +33,14 @@ NoiseFromMessage = Annotated[
     bool, Field(description="covariances of messages count; of an inertial sensor, those that are larger than here")
 ]
 
-# What a kind of sensor tells of the car, for whoever needs that from whichever kind:
+# What a kind of sensor measures of the car, for whoever needs that from whichever kind:
 # - rates and forces: three body rates [rad/s] and three specific forces [m/s²], in the axes of its mounting;
 # - rolling speed: spin speeds of the wheels fl, fr, rl, rr [rad/s];
 # - ground speed: how fast the car moves over ground;
 # - course: velocity to the east and to the north [m/s], hence the direction of travel;
 # - heading: direction of the car on the map; position: east and north [m];
 # - steering: road-wheel angle [rad]; torques: of the wheels fl, fr, rl, rr [N m].
-Tells = Literal[
+MeasuredQuantity = Literal[
     "rates and forces",
     "rolling speed",
     "ground speed",
@@ -51,7 +51,7 @@ Tells = Literal[
     "steering",
     "torques",
 ]
-_OF_THE_MAP: frozenset[Tells] = frozenset({"course", "heading", "position"})
+_OF_THE_MAP: frozenset[MeasuredQuantity] = frozenset({"course", "heading", "position"})
 
 
 @dataclass(frozen=True)
@@ -167,7 +167,7 @@ class SensorBase(Part):
     # What it measures.
     place: ClassVar[int] = 100  # in lists of kinds, least first; those with the same by name
     words: ClassVar[str] = ""  # what it gives, after "it needs"
-    tells: ClassVar[frozenset[Tells]] = frozenset()
+    measures: ClassVar[frozenset[MeasuredQuantity]] = frozenset()
     components: ClassVar[tuple[Component, ...]] = ()  # those that mean something one by one
     quantities: ClassVar[tuple[Quantity, ...]] = ()  # each number of a measurement that corrects, in their order
     signals: ClassVar[tuple[ComparedSignal, ...]] = ()
@@ -212,17 +212,17 @@ class SensorBase(Part):
     @property
     def on_map(self) -> bool:
         """True if it measures something that refers to north."""
-        return bool(self.tells & _OF_THE_MAP)
+        return bool(self.measures & _OF_THE_MAP)
 
     @property
     def tells_speed(self) -> bool:
         """True if it measures the car's speed."""
-        return not self.tells.isdisjoint({"rolling speed", "ground speed"})
+        return not self.measures.isdisjoint({"rolling speed", "ground speed"})
 
     @property
     def tells_turning(self) -> bool:
         """True if it measures how the car turns."""
-        return not self.tells.isdisjoint({"steering", "rates and forces"})
+        return not self.measures.isdisjoint({"steering", "rates and forces"})
 
     @property
     def is_compared(self) -> bool:
@@ -306,23 +306,23 @@ class SensorBase(Part):
         return value + self.deviations() * drive.rng.standard_normal(value.shape)
 
     def first_speed(self, value: Vector, physics: NominalPhysics) -> float | None:
-        """Speed of a car at start [m/s] that a measurement (m,) tells, NaN if it is not known well; None if it tells
+        """Speed of a car at start [m/s] that a measurement (m,) gives, NaN if it is not known well; None if it gives
         none."""
         return None
 
     def first_velocities(self, value: Vector) -> dict[int, float]:
-        """What a measurement (m,) tells of the other velocities at start: values by their place in `u` (coordinates.py,
+        """What a measurement (m,) says of the other velocities at start: values by their place in `u` (coordinates.py,
         rad/s or m/s)."""
         return {}
 
     def heading(self, value: Vector, variance: Vector) -> tuple[float, float] | None:
-        """Direction of the car on the map [rad] that a measurement (m,) with its variance (m,) tells by itself, and its
+        """Direction of the car on the map [rad] that a measurement (m,) with its variance (m,) gives by itself, and its
         standard deviation."""
         return None
 
     def speeds(self, value: Vector, radii: Vector) -> Vector:
-        """Speeds of the car [m/s] that measurements (n, m) tell, (n,), NaN where absent; `radii` (4,) are the rolling
-        radii of its wheels [m]. Of kinds that tell a speed."""
+        """Speeds of the car [m/s] that measurements (n, m) give, (n,), NaN where absent; `radii` (4,) are the rolling
+        radii of its wheels [m]. For kinds that measure a speed."""
         raise NotImplementedError
 
     def ages(self) -> Vector:

@@ -13,12 +13,12 @@ from vsense_ros.model.schema.physics import NominalPhysics
 from vsense_ros.model.sensors.base import (
     ComparedSignal,
     Component,
+    MeasuredQuantity,
     Names,
     NoiseFromMessage,
     Position,
     Quantity,
     SensorBase,
-    Tells,
     Values,
     Vector,
     component,
@@ -33,7 +33,7 @@ class BodyVelocity(SensorBase):
     message: ClassVar[str] = "geometry_msgs/msg/TwistWithCovarianceStamped"
     place: ClassVar[int] = 5
     words: ClassVar[str] = "a velocity in the axes of the car"
-    tells: ClassVar[frozenset[Tells]] = frozenset({"ground speed"})
+    measures: ClassVar[frozenset[MeasuredQuantity]] = frozenset({"ground speed"})
     quantities: ClassVar[tuple[Quantity, ...]] = (
         Quantity("velocity.x", "m/s", "along the sensor's x axis, forward"),
         Quantity("velocity.y", "m/s", "along the sensor's y axis, to the left"),

@@ -10,10 +10,10 @@ import numpy as np
 from vsense_ros.model.motion import Motion
 from vsense_ros.model.parameter import parameter
 from vsense_ros.model.sensors.base import (
+    MeasuredQuantity,
     Names,
     NoiseFromMessage,
     Quantity,
-    Tells,
     Values,
     Vector,
     covariance_diagonal,
@@ -30,7 +30,7 @@ class GnssAttitude(Receiver):
     message: ClassVar[str] = "sensor_msgs/msg/Imu"
     place: ClassVar[int] = 7
     words: ClassVar[str] = "a GNSS heading"
-    tells: ClassVar[frozenset[Tells]] = frozenset({"heading"})
+    measures: ClassVar[frozenset[MeasuredQuantity]] = frozenset({"heading"})
     quantities: ClassVar[tuple[Quantity, ...]] = (
         Quantity("heading.cos", "-", "cosine of the heading, counterclockwise from east"),
         Quantity("heading.sin", "-", "sine of the heading, counterclockwise from east"),

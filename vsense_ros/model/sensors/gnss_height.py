@@ -1,4 +1,4 @@
-"""Height from GNSS: what it changes by tells the slope of the road."""
+"""Height from GNSS: its change is the slope of the road."""
 
 from __future__ import annotations
 
@@ -11,9 +11,9 @@ from vsense_ros.model.motion import Motion
 from vsense_ros.model.parameter import parameter
 from vsense_ros.model.sensors.base import (
     Bias,
+    MeasuredQuantity,
     Names,
     Quantity,
-    Tells,
     Values,
     Vector,
 )
@@ -31,7 +31,7 @@ class GnssHeight(Antenna):
     geodetic: ClassVar[bool] = True
     place: ClassVar[int] = 8
     words: ClassVar[str] = "a GNSS height"
-    tells: ClassVar[frozenset[Tells]] = frozenset({"height"})
+    measures: ClassVar[frozenset[MeasuredQuantity]] = frozenset({"height"})
     quantities: ClassVar[tuple[Quantity, ...]] = (
         Quantity("position.up", "m", "height of the antenna over the map's origin"),
     )

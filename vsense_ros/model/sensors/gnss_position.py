@@ -12,10 +12,10 @@ from vsense_ros.model.motion import Motion
 from vsense_ros.model.parameter import parameter
 from vsense_ros.model.sensors.base import (
     Component,
+    MeasuredQuantity,
     Names,
     NoiseFromMessage,
     Quantity,
-    Tells,
     Values,
     Vector,
     covariance_diagonal,
@@ -34,7 +34,7 @@ class GnssPosition(Antenna):
     geodetic: ClassVar[bool] = True
     place: ClassVar[int] = 5
     words: ClassVar[str] = "a GNSS position"
-    tells: ClassVar[frozenset[Tells]] = frozenset({"position"})
+    measures: ClassVar[frozenset[MeasuredQuantity]] = frozenset({"position"})
     quantities: ClassVar[tuple[Quantity, ...]] = (
         Quantity("position.east", "m", "of the antenna, from the map's origin"),
         Quantity("position.north", "m", "of the antenna, from the map's origin"),

@@ -13,10 +13,10 @@ from vsense_ros.model.schema.physics import NominalPhysics
 from vsense_ros.model.sensors.base import (
     ComparedSignal,
     Component,
+    MeasuredQuantity,
     Names,
     NoiseFromMessage,
     Quantity,
-    Tells,
     Values,
     Vector,
     covariance_diagonal,
@@ -39,7 +39,7 @@ class GnssVelocity(Antenna):
     message: ClassVar[str] = "geometry_msgs/msg/TwistWithCovarianceStamped"
     place: ClassVar[int] = 6
     words: ClassVar[str] = "a GNSS velocity"
-    tells: ClassVar[frozenset[Tells]] = frozenset({"ground speed", "course"})
+    measures: ClassVar[frozenset[MeasuredQuantity]] = frozenset({"ground speed", "course"})
     quantities: ClassVar[tuple[Quantity, ...]] = (
         Quantity("velocity.east", "m/s", "of the antenna"),
         Quantity("velocity.north", "m/s", "of the antenna"),

@@ -10,10 +10,10 @@ import numpy as np
 from vsense_ros.model.motion import Motion
 from vsense_ros.model.parameter import parameter
 from vsense_ros.model.sensors.base import (
+    MeasuredQuantity,
     Names,
     NoiseFromMessage,
     Quantity,
-    Tells,
     Values,
     Vector,
     covariance_diagonal,
@@ -24,14 +24,14 @@ from vsense_ros.model.sensors.gnss import Antenna
 class GnssVerticalVelocity(Antenna):
     """Upward velocity of an antenna in the map [m/s], from the same messages as the horizontal velocity.
 
-    It is a sensor of its own because many receivers, and most recordings, tell a horizontal velocity alone and leave
+    It is a sensor of its own because many receivers, and most recordings, give a horizontal velocity alone and leave
     the vertical one at zero: what is exactly zero is taken as absent.
     """
 
     message: ClassVar[str] = "geometry_msgs/msg/TwistWithCovarianceStamped"
     place: ClassVar[int] = 9
     words: ClassVar[str] = "a vertical GNSS velocity"
-    tells: ClassVar[frozenset[Tells]] = frozenset({"height"})
+    measures: ClassVar[frozenset[MeasuredQuantity]] = frozenset({"height"})
     quantities: ClassVar[tuple[Quantity, ...]] = (Quantity("velocity.up", "m/s", "of the antenna"),)
 
     kind: Literal["gnss_vertical_velocity"] = "gnss_vertical_velocity"

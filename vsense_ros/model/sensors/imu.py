@@ -18,12 +18,12 @@ from vsense_ros.model.sensors.base import (
     ComparedSignal,
     Component,
     Deviations,
+    MeasuredQuantity,
     Names,
     NoiseFromMessage,
     Position,
     Quantity,
     SensorBase,
-    Tells,
     Values,
     Vector,
     component,
@@ -40,7 +40,7 @@ class Imu(SensorBase):
     message: ClassVar[str] = "sensor_msgs/msg/Imu"
     place: ClassVar[int] = 1
     words: ClassVar[str] = "inertial measurements"
-    tells: ClassVar[frozenset[Tells]] = frozenset({"rates and forces"})
+    measures: ClassVar[frozenset[MeasuredQuantity]] = frozenset({"rates and forces"})
     quantities: ClassVar[tuple[Quantity, ...]] = (
         *(Quantity(f"angular_velocity.{a}", "rad/s", f"about the sensor's {a} axis") for a in "xyz"),
         *(Quantity(f"linear_acceleration.{a}", "m/s2", f"specific force along the sensor's {a} axis") for a in "xyz"),

@@ -10,7 +10,7 @@ import numpy as np
 from vsense_ros.model.coordinates import STEERING
 from vsense_ros.model.parameter import parameter
 from vsense_ros.model.schema.physics import NominalPhysics
-from vsense_ros.model.sensors.base import Names, Response, SensorBase, Tells, Values, Vector, joint_state
+from vsense_ros.model.sensors.base import MeasuredQuantity, Names, Response, SensorBase, Values, Vector, joint_state
 from vsense_ros.model.sensors.simulated import Content, Sampling, SimulatedDrive
 
 
@@ -21,7 +21,7 @@ class Steering(SensorBase):
     joints: ClassVar[Names] = ("steering_wheel", "road_wheel_front")
     place: ClassVar[int] = 3
     words: ClassVar[str] = "a steering angle"
-    tells: ClassVar[frozenset[Tells]] = frozenset({"steering"})
+    measures: ClassVar[frozenset[MeasuredQuantity]] = frozenset({"steering"})
     inputs: ClassVar[slice | None] = slice(STEERING, STEERING + 1)
     awaited: ClassVar[float] = 5.0
     sampling: ClassVar[Sampling | None] = Sampling(10, 2, 2, (2**-10,))

@@ -1,4 +1,4 @@
-"""Plain forward speed of the car, as a bus, a tachograph or another stack tells it."""
+"""Plain forward speed of the car, as a bus, a tachograph or another stack reports it."""
 
 from __future__ import annotations
 
@@ -13,11 +13,11 @@ from vsense_ros.model.schema.physics import NominalPhysics
 from vsense_ros.model.sensors.base import (
     ComparedSignal,
     Component,
+    MeasuredQuantity,
     Names,
     Position,
     Quantity,
     SensorBase,
-    Tells,
     Values,
     Vector,
     component,
@@ -31,7 +31,7 @@ class VehicleSpeed(SensorBase):
     message: ClassVar[str] = "geometry_msgs/msg/TwistStamped"
     place: ClassVar[int] = 6
     words: ClassVar[str] = "a speed of the car"
-    tells: ClassVar[frozenset[Tells]] = frozenset({"ground speed"})
+    measures: ClassVar[frozenset[MeasuredQuantity]] = frozenset({"ground speed"})
     quantities: ClassVar[tuple[Quantity, ...]] = (Quantity("speed", "m/s", "of the car, forward"),)
     components: ClassVar[tuple[Component, ...]] = (Component("forward", "speed forward"),)
     signals: ClassVar[tuple[ComparedSignal, ...]] = (ComparedSignal("vehicle_speed", "m/s", component(0), 0.03),)

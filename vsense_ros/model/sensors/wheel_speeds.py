@@ -12,7 +12,16 @@ from vsense_ros.model.motion import Motion
 from vsense_ros.model.parameter import parameter
 from vsense_ros.model.schema.observer_settings import Disturbances
 from vsense_ros.model.schema.physics import NominalPhysics
-from vsense_ros.model.sensors.base import Bias, ComparedSignal, Component, JointSensor, Names, Quantity, Tells, Vector
+from vsense_ros.model.sensors.base import (
+    Bias,
+    ComparedSignal,
+    Component,
+    JointSensor,
+    MeasuredQuantity,
+    Names,
+    Quantity,
+    Vector,
+)
 from vsense_ros.model.sensors.simulated import Sampling, SimulatedDrive
 
 NAMES = tuple(f"wheel_{wheel}" for wheel in WHEELS)
@@ -43,7 +52,7 @@ class WheelSpeeds(JointSensor):
     field: ClassVar[str] = "velocity"
     place: ClassVar[int] = 2
     words: ClassVar[str] = "wheel speeds"
-    tells: ClassVar[frozenset[Tells]] = frozenset({"rolling speed"})
+    measures: ClassVar[frozenset[MeasuredQuantity]] = frozenset({"rolling speed"})
     quantities: ClassVar[tuple[Quantity, ...]] = tuple(
         Quantity(f"angular_velocity.{w}", "rad/s", f"of the wheel {w} about its axle, positive forward") for w in WHEELS
     )

@@ -1,4 +1,4 @@
-"""Wheel torques, where the car tells them: inputs of the model."""
+"""Wheel torques, where the car reports them: inputs of the model."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ import numpy as np
 
 from vsense_ros.model.coordinates import TORQUES
 from vsense_ros.model.parameter import parameter
-from vsense_ros.model.sensors.base import JointSensor, Names, Response, Tells, Vector
+from vsense_ros.model.sensors.base import JointSensor, MeasuredQuantity, Names, Response, Vector
 from vsense_ros.model.sensors.simulated import Sampling
 from vsense_ros.model.sensors.wheel_speeds import NAMES
 
@@ -20,7 +20,7 @@ class WheelTorques(JointSensor):
     field: ClassVar[str] = "effort"
     place: ClassVar[int] = 4
     words: ClassVar[str] = "wheel torques"
-    tells: ClassVar[frozenset[Tells]] = frozenset({"torques"})
+    measures: ClassVar[frozenset[MeasuredQuantity]] = frozenset({"torques"})
     inputs: ClassVar[slice | None] = TORQUES
     sampling: ClassVar[Sampling | None] = Sampling(10, 2, 2, (2**-4,))
     # More than this specific force along the car neither cornering nor a slope brings about.

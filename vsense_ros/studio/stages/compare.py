@@ -24,7 +24,7 @@ _SAME_IN_BOTH = ("trivial",)  # scores that do not depend on the run
 
 
 def name_of(job: Job) -> str:
-    """What tells a run from others: recording, vehicle file, filter, sensors that were switched off."""
+    """What distinguishes a run from others: recording, vehicle file, filter, sensors that were switched off."""
     options = job.task.get("options", {})
     parts = [
         Path(options["recording"]["path"]).name,

@@ -81,8 +81,8 @@ def observe(options: dict[str, Any], folder: Path, progress: Callable[[float], N
         "filter": found.filter,
         "drive": found.drive,
         "states": [
-            {"name": state.name, "left": state.left, "at": state.told_at, "motion": state.motion,
+            {"name": state.name, "left": state.left, "at": state.determined_at, "motion": state.motion,
              "would": dict(found.would.get(state.name, {}))}
-            for state in found.told.states
+            for state in found.determined.states
         ],
     }  # fmt: skip

@@ -1,7 +1,7 @@
 """What a drive has determined of a filter's states, when, and in which kind of motion.
 
-A state counts as told once its standard deviation is half of that at start. Which motion told it is where the logarithm
-of the deviation fell. Combinations of which nothing was told are those of the observability Gramian
+A state counts as determined once its standard deviation is half of that at start. Which motion determined it is where
+the logarithm of the deviation fell. Combinations of which nothing was determined are those of the observability Gramian
 (`estimation.observability`), where the filter is one state space.
 """
 
@@ -31,7 +31,7 @@ from vsense_ros.runner.smoothing import follow, single_ekf
 Array = NDArray[np.float64]
 
 PERIOD = 0.1  # [s] between two deviations that are kept
-HALF = 0.5  # of the deviation at start, from which on a state counts as told
+HALF = 0.5  # of the deviation at start, from which on a state counts as determined
 MOTIONS = ("standing", "going straight", "accelerating or braking", "turning")
 _SMOOTH = 11  # deviations over which an acceleration is averaged
 _SLOWEST, _PUSH = 0.5, 0.5  # [m/s] above which a car moves, [m/s²] above which it gains or loses speed
@@ -39,13 +39,13 @@ _SLOWEST, _PUSH = 0.5, 0.5  # [m/s] above which a car moves, [m/s²] above which
 
 @dataclass(frozen=True)
 class State:
-    """One element of a filter's error [SI]: standard deviations at start and end; when it was told [s], None if it
-    was not; and the motion in which most was."""
+    """One element of a filter's error [SI]: standard deviations at start and end; when it was determined [s], None if
+    it was not; and the motion in which most was."""
 
     name: str
     before: float
     after: float
-    told_at: float | None
+    determined_at: float | None
     motion: str
 
     @property
@@ -55,23 +55,23 @@ class State:
 
 
 @dataclass(frozen=True)
-class Told:
+class Determined:
     """What one drive has determined of a filter's states.
 
     `t` (n,) [s] from the start, `deviations` (n, e), `motion` (n,) places in `MOTIONS`.
-    `untold` are combinations of which little was determined, weakest first; None where the filter is a cascade.
+    `undetermined` are combinations of which little was determined, weakest first; None where the filter is a cascade.
     """
 
     states: tuple[State, ...]
     t: Array
     deviations: Array
     motion: NDArray[np.int64]
-    untold: tuple[Direction, ...] | None
+    undetermined: tuple[Direction, ...] | None
 
 
-def told(
+def determined_by(
     recording: Recording, vehicle: Vehicle, name: str, progress: Callable[[float], None] = lambda share: None
-) -> Told:
+) -> Determined:
     """Raises `InputError` if the recording has none of the vehicle's sensors, or the filter never starts."""
     runner = Runner(vehicle, recording.map_origin, every_filter()[name].make)
     adapter = runner.adapter
@@ -95,11 +95,11 @@ def told(
     t = np.array([one.stamp - snapshots[0].stamp for one in snapshots]) * 1e-9
     variances = [np.concatenate([part[1].diagonal() for part in one.parts]) for one in snapshots]
     deviations = np.sqrt(np.array(variances).clip(min=0))
-    if directions is None:  # by the first message of a cascade, much has been told already
+    if directions is None:  # by the first message of a cascade, much has been determined already
         deviations[0] = adapter.filter.definition.deviations
     motion = _motion(adapter, snapshots, t)
     states = tuple(_state(name, t, deviations[:, i], motion) for i, name in enumerate(adapter.filter.definition.errors))
-    return Told(states, t, deviations, motion, directions)
+    return Determined(states, t, deviations, motion, directions)
 
 
 def _run(runner: Runner, recording: Recording, progress: Callable[[float], None]) -> list[Snapshot]:
@@ -125,7 +125,7 @@ def _thinned(snapshots: list[Snapshot]) -> list[Snapshot]:
 
 
 def _motion(adapter: KinematicAdapter, snapshots: list[Snapshot], t: Array) -> NDArray[np.int64]:
-    """Places in `MOTIONS` (n,), by what the filter estimates; where it tells no speed, it goes."""
+    """Places in `MOTIONS` (n,), by what the filter estimates; where it estimates no speed, it counts as moving."""
     motions = adapter.readout.motions(snapshots)
     found = np.full(len(t), 1)
 
