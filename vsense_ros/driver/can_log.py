@@ -15,7 +15,7 @@ import math
 import re
 import struct
 from array import array
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
@@ -114,28 +114,54 @@ def format_of(path: Path) -> str | None:
             head = file.read(4096)
     except OSError:
         return None
+    binary = _binary_format(head)
+    lines = [line for line in head.decode("utf-8-sig", errors="replace").splitlines() if line.strip()]
+    if binary is not None or not lines:
+        return binary or None
+    recognised = (name for name, begins in _TEXT_BEGINNINGS.items() if begins(lines, path.suffix.lower()))
+    return next(recognised, None) or next((log.name for log in TEXT_LOGS if log.begins(lines)), None)
+
+
+def _binary_format(head: bytes) -> str | None:
+    """The format of a binary log; an empty name for one of which nothing can be read, None for text."""
     if head.startswith(b"LOGG"):
         return "blf"
     if head.startswith(b"MDF"):
         # asammdf recurses without end when it drops a file whose header it could not read.
-        return "mf4" if head[64:68] == b"##HD" else None
-    lines = [line for line in head.decode("utf-8-sig", errors="replace").splitlines() if line.strip()]
-    if not lines:
-        return None
+        return "mf4" if head[64:68] == b"##HD" else ""
+    return None
+
+
+def _begins_as_asc(lines: Sequence[str], suffix: str) -> bool:
+    beginnings = [line.strip().lower() for line in lines[:6]]
+    return beginnings[0].startswith("date ") or any(line.startswith(("base hex", "base dec")) for line in beginnings)
+
+
+def _begins_as_trc(lines: Sequence[str], suffix: str) -> bool:
     first = lines[0].strip().lower()
-    if first.startswith("date ") or any(
-        line.strip().lower().startswith(("base hex", "base dec")) for line in lines[:6]
-    ):
-        return "asc"
-    if first.startswith((";$fileversion", ";##")) or (first.startswith(";") and path.suffix.lower() == ".trc"):
-        return "trc"
-    if tuple(name.strip() for name in first.split(","))[:3] == _GVRET:
-        return "gvret"
-    if first.startswith("timestamp,arbitration_id,"):
-        return "csv"
-    if any(_CANDUMP.fullmatch(line) or _VIEW_WITHOUT_TIME.fullmatch(line) for line in lines[:20]):
-        return "candump"
-    return next((text_log.name for text_log in TEXT_LOGS if text_log.begins(lines)), None)
+    return first.startswith((";$fileversion", ";##")) or (first.startswith(";") and suffix == ".trc")
+
+
+def _begins_as_gvret(lines: Sequence[str], suffix: str) -> bool:
+    return tuple(name.strip() for name in lines[0].strip().lower().split(","))[:3] == _GVRET
+
+
+def _begins_as_csv(lines: Sequence[str], suffix: str) -> bool:
+    return lines[0].strip().lower().startswith("timestamp,arbitration_id,")
+
+
+def _begins_as_candump(lines: Sequence[str], suffix: str) -> bool:
+    return any(_CANDUMP.fullmatch(line) or _VIEW_WITHOUT_TIME.fullmatch(line) for line in lines[:20])
+
+
+# How text logs begin, given their first lines and the ending of the file's name; the first that fits counts.
+_TEXT_BEGINNINGS: dict[str, Callable[[Sequence[str], str], bool]] = {
+    "asc": _begins_as_asc,
+    "trc": _begins_as_trc,
+    "gvret": _begins_as_gvret,
+    "csv": _begins_as_csv,
+    "candump": _begins_as_candump,
+}
 
 
 def read_can_log(path: str | Path) -> CanLog:

@@ -20,7 +20,7 @@ SETTLED = 2.0  # [s] from the first estimate on, which do not count
 
 @dataclass(frozen=True)
 class Balance:
-    """What is left over at n estimates, low-passed."""
+    """Imbalance of the forces at n estimates, low-passed."""
 
     stamp: NDArray[np.int64]  # (n,) [ns]
     shares: Array  # (n, 6), as `SHARES`, NaN where the inertial sensor lacks the axes

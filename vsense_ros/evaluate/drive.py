@@ -124,7 +124,7 @@ class Drive:
         ]
 
     def parameters(self) -> list[tuple[str, float, float]]:
-        """Name, value and standard deviation of what the estimator learnt about car and sensors, at the end [SI]."""
+        """Name, value and standard deviation of what the estimator found out about car and sensors, at the end [SI]."""
         channel = find_channel(self.output, "vsense/parameters")
         if channel is None:
             return []

@@ -1,4 +1,4 @@
-"""The identifying filter on the vehicle: it goes on from drive to drive, and keeps what it has learnt in a file.
+"""The identifying filter on the vehicle: it goes on from drive to drive, and keeps its estimates in a file.
 
 It runs beside the observer, on the same messages, a hundred steps a second on their stamps. It identifies the
 model of Best & Bogdanski (2016), so that the speeds of all wheels must be measured. A stored set of

@@ -32,7 +32,7 @@ SAME_WAY = np.cos(0.6)  # of the directions there
 
 
 def laps(recording: Recording) -> list[Recording]:
-    """The laps of a recording, from one pass of the place where it sets out to the next; what is left over behind the
+    """The laps of a recording, from one pass of the place where it sets out to the next; what is behind the
     last is none, unless it is most of a lap. The recording itself where there are no two."""
     channel = recording.channels.get(FIX)
     if channel is None or len(channel) < 10:

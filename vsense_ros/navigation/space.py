@@ -32,7 +32,7 @@ Seen = Mapping[str, float]  # what the first readings give, by the names of stat
 
 
 class NavigationSpace(StateSpace):
-    """A state space of this room."""
+    """A state space of a filter."""
 
     prior: Mapping[str, float] = {}  # standard deviations at start, by elements of the error
 

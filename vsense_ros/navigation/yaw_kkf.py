@@ -3,7 +3,7 @@
     ψ̇ = r_m - b_r,  ḃ_r = 0                                   process
     ν = ψ   where |r_m - b_r| < 1 °/s                          course: on the straight a car goes where it points
 
-Corrections of the print (C5, C6): the noise of a step is (T σ_r)²; a bias has to be uncertain at start to be learnt;
+Corrections of the print (C5, C6): the noise of a step is (T σ_r)²; a bias has to be uncertain at start to be estimated;
 the innovation of the angle itself is wrapped, where cosine and sine would have a singular covariance.
 
 And of the gate: decided by b̂_r as if that were known, it shuts for good where b̂_r comes to be off by more than 1 °/s,
