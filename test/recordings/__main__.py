@@ -17,13 +17,12 @@ from typing import Any
 
 from recordings import conventions, formats, guessing, planted
 from recordings.cases import CASES
+from recordings.clean import Examined, examined
 from recordings.further_cases import FURTHER_CASES
 from recordings.known_buses import BUSES
 from recordings.known_logs import LOGS
 from vsense_ros.bag import read_bag, write_bag
 from vsense_ros.bag.importers import import_recording
-from vsense_ros.checks.inspect import inspect
-from vsense_ros.checks.mending import mends
 from vsense_ros.driver.can_database import read_database
 from vsense_ros.errors import InputError
 from vsense_ros.evaluate.terminal import progress
@@ -48,7 +47,13 @@ def run_cases() -> dict[str, bool]:
     return found
 
 
-def run_planted(clean: int) -> dict[str, Any]:
+def run_clean(count: int) -> Examined:
+    """The checks and the mends of recordings with nothing wrong."""
+    with progress("clean drives") as done:
+        return examined(count, done)
+
+
+def run_planted(clean: Examined) -> dict[str, Any]:
     """How many planted faults are named rightly, and in how many clean drives something is found."""
     missed: list[str] = []
     every = list(planted.planted())
@@ -57,23 +62,18 @@ def run_planted(clean: int) -> dict[str, Any]:
             if not planted.is_named(fault, recording):
                 missed.append(f"{fault.name} in {where}")
             done(number / len(every))
-    false: list[str] = []
-    with progress("clean drives") as done:
-        for number, (name, recording) in enumerate(planted.clean(clean), 1):
-            false += [f"{name}: {problem}" for problem in inspect(recording).problems]
-            done(number / clean)
     return {
         "named": len(every) - len(missed),
         "n": len(every),
-        "false": len({text.rpartition(": ")[0].partition(":")[0] for text in false}),
-        "clean": clean,
+        "false": len(clean.doubted),
+        "clean": clean.recordings,
         "faults": len(planted.FAULTS),
         "missed": missed,
-        "false_findings": false,
+        "false_findings": clean.problems,
     }
 
 
-def run_mends(clean: int) -> dict[str, Any]:
+def run_mends(clean: Examined) -> dict[str, Any]:
     """How often `--mend` puts other conventions right, how often it does harm, and in how many clean drives it acts."""
     missed: list[str] = []
     harmful: list[str] = []
@@ -84,15 +84,14 @@ def run_mends(clean: int) -> dict[str, Any]:
             missed += [] if right else [one.name]
             harmful += [one.name] if harm else []
             done(number / len(every))
-    acted = [name for name, recording in planted.clean(clean) if mends(recording)]
     return {
         "right": len(every) - len(missed),
         "n": len(every),
         "harmful": len(harmful),
-        "in_clean": len(acted),
-        "clean": clean,
+        "in_clean": len(clean.mended),
+        "clean": clean.recordings,
         "missed": missed,
-        "harmed": [*harmful, *acted],
+        "harmed": [*harmful, *clean.mended],
     }
 
 
@@ -165,10 +164,11 @@ def main() -> int:
     parser.add_argument("--clean", type=int, default=100, help="number of clean drives")
     parser.add_argument("--seconds", type=float, default=SECONDS, help="of the drive of which the formats are timed")
     arguments = parser.parse_args()
+    clean = run_clean(arguments.clean)
     found: dict[str, Any] = {
         "cases": run_cases(),
-        "planted": run_planted(arguments.clean),
-        "mend": run_mends(arguments.clean),
+        "planted": run_planted(clean),
+        "mend": run_mends(clean),
         "guess": run_guesses(),
         "formats": run_formats(arguments.seconds),
     }

@@ -73,8 +73,10 @@ class Size:
     def of(self, recording: Recording, *, back: bool = False) -> Recording:
         """The recording as the other car would give it, or back to the generated one."""
         power = -1.0 if back else 1.0
-        found = changed(recording, WHEELS, scaled("velocity", self.spin**power))
-        return changed(found, STEERING, scaled("position", self.steering**power))
+        for topic, field, factor in ((WHEELS, "velocity", self.spin), (STEERING, "position", self.steering)):
+            if topic in recording:
+                recording = changed(recording, topic, scaled(field, factor**power))
+        return recording
 
 
 SIZES = (Size("car", 1.0, 1.0), Size("small car", 1.22, 0.8), Size("truck", 0.62, 1.4))

@@ -1,4 +1,4 @@
-"""Faults planted in generated drives, each in drives in which it can be seen, and drives with nothing wrong.
+"""Faults planted in generated drives, each in drives in which it can be seen.
 
 A fault is named rightly where a finding about its topic has one of the kinds that it is.
 """
@@ -12,15 +12,13 @@ from functools import cache
 import numpy as np
 
 from vsense_ros.checks.inspect import inspect
-from vsense_ros.errors import InputError
 from vsense_ros.files.installed import vehicle_path
 from vsense_ros.files.vehicle import load_vehicle
-from vsense_ros.manoeuvre import MANOEUVRES, generate
+from vsense_ros.manoeuvre import generate
 from vsense_ros.messages.recording import Channel, Recording
 
 IMU, WHEELS, STEERING = "imu/data", "vehicle/wheel_speeds", "vehicle/steering"
 FIX, VELOCITY = "gps/fix", "gps/velocity"
-VEHICLES = ("prototype_real", "rav4", "genesis", "prototype_model")
 Change = Callable[[Channel], Channel]
 
 _TURNING = ("double_lane_change", "steering_sweep", "sine_with_dwell")
@@ -218,21 +216,3 @@ def planted(
                 recording = drive(manoeuvre, vehicle, seed)
                 if fault.topic in recording:
                     yield fault, f"{vehicle}, {manoeuvre}", recording
-
-
-def clean(count: int) -> Iterator[tuple[str, Recording]]:
-    """Drives with nothing wrong, in which no car overturns."""
-    made = 0
-    for seed in range(1, 1000):
-        for vehicle in VEHICLES:
-            for manoeuvre in MANOEUVRES:
-                if made == count:
-                    return
-                try:
-                    recording = generate(manoeuvre, load_vehicle(vehicle_path(vehicle)), seed)
-                except InputError as error:
-                    if "overturns" not in str(error):
-                        raise
-                    continue
-                made += 1
-                yield f"{vehicle}, {manoeuvre}, {seed}", recording

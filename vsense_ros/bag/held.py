@@ -8,6 +8,7 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
+from numpy.typing import NDArray
 
 from vsense_ros.checks.held import first_of_each, period_of_updates
 from vsense_ros.messages.recording import Channel, Recording
@@ -27,8 +28,15 @@ def without_repeats(recording: Recording) -> Recording:
     return replace(recording, channels=channels, notes=(*recording.notes, *notes))
 
 
+def _moves(values: NDArray[np.float64]) -> bool:
+    """True if (n, m) values are not all the same; absent ones do not count."""
+    if not values.size or not values.strides[0]:  # of a field that a source lacks one row stands for all
+        return False
+    return bool(np.fmax.reduce(values, axis=None) > np.fmin.reduce(values, axis=None))
+
+
 def _once(channel: Channel, notes: list[str]) -> Channel:
-    moving = [v for v in channel.columns.values() if v.shape[1] and np.isfinite(v).any() and np.nanstd(v) > 0]
+    moving = [v for v in channel.columns.values() if _moves(v)]
     if not moving:
         return channel
     values = np.column_stack(moving)

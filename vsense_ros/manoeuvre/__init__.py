@@ -47,7 +47,7 @@ MANOEUVRES = {m.name: m for m in (*TESTS, *ON_ROADS, *_OTHERS)}
 STEP = 1e-3  # [s] of the simulation
 _OVERTURNED = 1.0  # [rad] of roll, from which no car comes back
 
-__all__ = ["IN_BAGS", "MANOEUVRES", "STANDARD", "TESTS", "Manoeuvre", "drive", "generate"]
+__all__ = ["IN_BAGS", "MANOEUVRES", "STANDARD", "TESTS", "Manoeuvre", "drive", "generate", "recorded", "upright_drive"]
 
 
 def drive(name: str | Manoeuvre, vehicle: Vehicle, *, step: float = STEP) -> Trajectory:
@@ -68,11 +68,21 @@ def drive(name: str | Manoeuvre, vehicle: Vehicle, *, step: float = STEP) -> Tra
 def generate(name: str, vehicle: Vehicle, seed: int = 0) -> Recording:
     """What the sensors of `vehicle` record in a manoeuvre, with the truth below `reference/`.
 
-    The same arguments give the same recording to the last bit (see `sensing`). Raises `InputError` for an unknown name,
-    where the car overturns, and where the motion leaves the model's range.
+    The same arguments give the same recording to the last bit (see `sensing`). Raises `InputError` as `upright_drive`.
     """
+    return recorded(name, upright_drive(name, vehicle), vehicle, seed)
+
+
+def recorded(name: str, trajectory: Trajectory, vehicle: Vehicle, seed: int) -> Recording:
+    """What the sensors of `vehicle` record on a trajectory of a manoeuvre, with noise and biases of a seed."""
     manoeuvre = _find(name)
     about = f"{manoeuvre.title}: {manoeuvre.source}"
+    return record(trajectory, vehicle, seed, name=name, about=about, biased=manoeuvre.biased)
+
+
+def upright_drive(name: str, vehicle: Vehicle) -> Trajectory:
+    """What `vehicle` does in a manoeuvre. Raises `InputError` for an unknown name, where the car overturns, and where
+    the motion leaves the model's range."""
     try:
         trajectory = drive(name, vehicle)
     except FloatingPointError as error:
@@ -81,7 +91,7 @@ def generate(name: str, vehicle: Vehicle, seed: int = 0) -> Recording:
     if len(over):
         at = trajectory.t[over[0]]
         raise InputError(f"{vehicle.name} overturns at {at:.1f} s of {name}: take a slower one, or another car")
-    return record(trajectory, vehicle, seed, name=name, about=about, biased=manoeuvre.biased)
+    return trajectory
 
 
 def _find(name: str) -> Manoeuvre:

@@ -75,7 +75,7 @@ class _Maker:
         raw = {ref: self._columns(ref) for _, signal in signals for ref in signal.refs}
         longest = max(raw, key=lambda ref: np.count_nonzero(np.isfinite(raw[ref].values)))
         time = raw[longest].time
-        if all(len(c.time) == len(time) and np.array_equal(c.time, time) for c in raw.values()):
+        if all(_same_times(c.time, time) for c in raw.values()):
             keep = np.any([np.isfinite(c.values) for c in raw.values()], axis=0)
             keep = self._updates(topic, raw, keep)
         else:
@@ -124,6 +124,8 @@ class _Maker:
 
     def _brought(self, column: Column, keep: np.ndarray, time: Array, wraps: bool) -> Array:
         """Values of a column at the times of a topic."""
+        if _same_times(column.time, time):  # every row is one of the topic
+            return column.values.copy()
         if len(column.time) == len(keep) and np.array_equal(column.time[keep], time):
             return column.values[keep]
         unit = units.canonical(column.unit) or ""
@@ -131,6 +133,11 @@ class _Maker:
         if wraps and np.nanmax(np.abs(column.values), initial=0.0) < SETTINGS.most_radians and unit != "deg":
             turn = 2 * np.pi
         return _between(time, column.time, column.values, turn if wraps else None)
+
+
+def _same_times(one: Array, other: Array) -> bool:
+    """True if two columns have the same times; those of one table are one array."""
+    return one is other or (len(one) == len(other) and np.array_equal(one, other))
 
 
 def _between(time: Array, own_time: Array, own: Array, turn: float | None) -> Array:
@@ -161,10 +168,9 @@ class _Fields:
             raise InputError(f"mapping: {self._topic}.{field}: expected three values: x, y, z")
         if not any(signal is not None for signal in given):
             return np.broadcast_to(np.nan, (self._rows, len(given)))
-        found = np.full((self._rows, len(given)), np.nan)
+        found = np.empty((self._rows, len(given)))
         for i, signal in enumerate(given):
-            if signal is not None:
-                found[:, i] = self._value(field, signal)
+            found[:, i] = np.nan if signal is None else self._value(field, signal)
         return found
 
     def scalar(self, field: str) -> Array:
