@@ -110,6 +110,9 @@ def test_an_angle_that_two_antennas_cannot_see_is_unmeasured_and_errors_without_
     alone = import_recording(log(tmp_path, attitude(START), solution(START)))
     assert not alone["gps/attitude"].columns["orientation_covariance"].any()
     assert not alone["gps/fix"].columns["position_covariance_type"].any()
+    second = [solution(START), position_error(START), solution(START + 100)]
+    kinds = import_recording(log(tmp_path, *second))["gps/fix"].columns["position_covariance_type"]
+    assert kinds[:, 0].tolist() == [3.0, 0.0]
 
 
 def test_what_has_no_solution_is_no_message(tmp_path: Path) -> None:
@@ -134,6 +137,8 @@ def test_sentences_and_damage_between_blocks_cost_nothing_else_and_are_counted(t
     told = " ".join(recording.notes)
     assert "1 blocks left out: checksum wrong" in told
     assert "cut at the end of the file" in told
+    left = len(sentence) + len(damaged) + len(b"$@junk") + len(solution(START)) - 4
+    assert f"{left} bytes belong to no whole block" in told
 
 
 @settings(deadline=None, max_examples=60)

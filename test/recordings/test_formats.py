@@ -19,6 +19,8 @@ from vsense_ros.errors import InputError
 from vsense_ros.messages.recording import Recording
 
 SECONDS = 3.0
+LINES = ("csv", "aim", "racechrono", "vbo", "candump", "candump_view", "asc", "trc", "gvret")
+BLOCKS = ("blf", "mcap", "mcap_packed_messages")
 
 
 @pytest.fixture(scope="module")
@@ -83,22 +85,68 @@ def test_a_file_that_is_cut_gives_what_is_there_or_one_sentence(
     cut.write_bytes(data[: int(share * len(data))])
     found = read(cut, options)
     assert share > 0.0 or found is None
-    lines = (
-        "csv",
-        "aim",
-        "racechrono",
-        "vbo",
-        "candump",
-        "candump_view",
-        "asc",
-        "trc",
-        "gvret",
-        "mcap",
-        "mcap_packed_messages",
-    )
-    if share > 0.7 and name in lines:
+    if share > 0.7 and name in (*LINES, "mcap", "mcap_packed_messages"):
         assert found is not None
         assert max(len(c) for c in found.channels.values()) > 0.6 * round(SECONDS * formats.RATE)
+
+
+def begins_as(found: Recording, whole: Recording) -> bool:
+    """True if each channel has the first messages of the same channel of the whole recording, unchanged."""
+    return all(
+        np.array_equal(channel.stamp, whole[topic].stamp[: len(channel)])
+        and all(
+            np.array_equal(values, whole[topic].columns[field][: len(channel)], equal_nan=True)
+            for field, values in channel.columns.items()
+        )
+        for topic, channel in found.channels.items()
+    )
+
+
+def messages_of(recording: Recording) -> int:
+    return sum(len(channel) for channel in recording.channels.values())
+
+
+@pytest.mark.parametrize("name", [*LINES, *BLOCKS])
+@given(left=st.integers(1, 400))
+@settings(max_examples=15, deadline=None)
+def test_wherever_a_file_is_cut_no_value_is_another_one_and_what_lacks_is_said(
+    made: dict[str, formats.Made], tmp_path_factory: pytest.TempPathFactory, name: str, left: int
+) -> None:
+    path, options = made[name]
+    whole = files_of(path)
+    data = whole.read_bytes()[:-left]
+    cut = tmp_path_factory.mktemp("cut") / whole.name
+    cut.write_bytes(data)
+    found, complete = read(cut, options), import_recording(path, **options)
+    assert found is not None
+    assert begins_as(found, complete)
+    if messages_of(found) == messages_of(complete):
+        return
+    if name in LINES:
+        lines, _, last = data.rpartition(b"\n")
+        cut.write_bytes(lines + b"\n")
+        without = read(cut, options)
+        assert without is not None
+        if not last.strip() or messages_of(found) > messages_of(without):
+            return  # between two lines, or behind all that is a message
+    assert set(found.notes) - set(complete.notes)
+
+
+@pytest.mark.parametrize("name", ["csv", "aim", "vbo", "candump", "asc", "blf", "trc", "gvret", "mcap"])
+@pytest.mark.parametrize("other", ["csv", "candump", "mcap", "mat"])
+def test_two_formats_in_one_file_give_the_beginning_of_the_first_and_a_sentence_or_one_sentence(
+    made: dict[str, formats.Made], name: str, other: str, tmp_path: Path
+) -> None:
+    if name == other:
+        return
+    path, options = made[name]
+    data, behind = files_of(path).read_bytes(), files_of(made[other][0]).read_bytes()
+    mixed = tmp_path / files_of(path).name
+    mixed.write_bytes(data[: len(data) // 2] + behind[len(behind) // 2 :])
+    found, complete = read(mixed, options), import_recording(path, **options)
+    if found is not None:
+        assert begins_as(found, complete)
+        assert set(found.notes) - set(complete.notes)
 
 
 @pytest.mark.parametrize("name", formats.MAKERS)

@@ -11,11 +11,13 @@ count from the start of the log, which `CanFrames.counts_from_zero` says.
 from __future__ import annotations
 
 import csv
+import logging
 import math
 import re
 import struct
 from array import array
 from collections.abc import Callable, Iterator, Sequence
+from dataclasses import replace
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
@@ -33,6 +35,8 @@ from vsense_ros.errors import InputError
 FORMATS = (
     "candump, Vector ASC and BLF, PEAK TRC, GVRET and python-can CSV, MDF4, BUSMASTER, CRTD, Vehicle Spy CSV, Microchip"
 )
+_BLF_SIZE = struct.Struct("<16xQ")  # of the file [byte], in its header
+_LONGEST_LINE = 4096  # [byte] that the last line of a text log is looked for in
 _MOST_LOSSES = 50  # that are reported one by one
 
 # (time) channel id#data, id##flags data (FD), id#R (remote); or for people: (time) channel [RX -] id [length] data
@@ -42,6 +46,7 @@ _CANDUMP = re.compile(
     r"(?P<bytes>remote request|(?:[0-9A-Fa-f]{2}\s*)*)(?:\s*'.*')?)\s*"
 )
 _VIEW_WITHOUT_TIME = re.compile(r"\s*\S{1,16}\s+[0-9A-Fa-f]{3,8}\s+\[\d{1,2}\]\s+([0-9A-Fa-f]{2}\s*)*\s*")
+_NO_TRC = re.compile(r"(?!\s*(?:\d+\)?\s|;|$))")
 _GVRET = ("time stamp", "id", "extended")
 
 
@@ -179,7 +184,7 @@ def read_can_log(path: str | Path) -> CanLog:
         "asc": _asc,
         "gvret": _gvret,
         "blf": lambda log: _python_can(log, can.BLFReader(log.path)),
-        "trc": lambda log: _python_can(log, can.TRCReader(log.path)),
+        "trc": _trc,
         "csv": lambda log: _python_can(log, can.CSVReader(log.path)),
         "mf4": _mf4,
         **{text_log.name: _of_text(text_log) for text_log in TEXT_LOGS},
@@ -193,7 +198,34 @@ def read_frames(path: str | Path) -> CanFrames:
     log = read_can_log(path)
     fast = {"blf": blf_frames, "asc": asc_frames}.get(log.format)
     found = None if fast is None else fast(log.path, log.first_time)
-    return _one_by_one(log) if found is None else found
+    frames = _one_by_one(log) if found is None else found
+    if log.format == "blf":
+        return replace(frames, losses=(*frames.losses, *_cut_off(log)))
+    return _without_cut_line(log, frames) if log.format in ("asc", "trc", "gvret") else frames
+
+
+def _without_cut_line(log: CanLog, frames: CanFrames) -> CanFrames:
+    """The frames of a text log; where its last line has no end, a note, and no frame whose last byte lacks a digit."""
+    size = log.path.stat().st_size
+    with log.path.open("rb") as file:
+        file.seek(max(size - _LONGEST_LINE, 0))
+        last = file.read().replace(b"\r", b"\n").rpartition(b"\n")[2].decode(errors="replace")
+    if not last.strip():
+        return frames
+    losses = (*frames.losses, f"the last line has no end, as if the file was cut: {shown(last)}")
+    digit_lacks = re.search(r"\b[0-9A-Fa-f]{2}[ ,][0-9A-Fa-f]\Z", last) is not None
+    count = len(frames) - (1 if digit_lacks and len(frames) else 0)
+    columns = ("time", "identifier", "is_extended", "channel", "length", "begin")
+    return replace(frames, losses=losses, **{name: getattr(frames, name)[:count] for name in columns})
+
+
+def _cut_off(log: CanLog) -> list[str]:
+    """A note if the header of a BLF file states more bytes than there are; a logger that died states none."""
+    with log.path.open("rb") as file:
+        head = file.read(_BLF_SIZE.size)
+    size = log.path.stat().st_size
+    stated = _BLF_SIZE.unpack(head)[0] if len(head) == _BLF_SIZE.size else 0
+    return [f"the file was cut: its header states {stated} bytes, it has {size}"] if stated > size else []
 
 
 def _one_by_one(log: CanLog) -> CanFrames:
@@ -343,6 +375,14 @@ def _asc(log: CanLog) -> Iterator[can.Message]:
             yield message
 
 
+def _trc(log: CanLog) -> Iterator[can.Message]:
+    """PEAK TRC; python-can passes over lines that do not begin with the number of a message without a word."""
+    yield from _python_can(log, can.TRCReader(log.path))
+    for number, line in numbered_lines(log.path):
+        if _NO_TRC.match(line):
+            log.lost(f"line {number} is no message of TRC: {shown(line)}")
+
+
 def _of_text(text_log: TextLog) -> Callable[[CanLog], Iterator[can.Message]]:
     return lambda log: text_log.frames(log.path, log.lost)
 
@@ -353,5 +393,22 @@ def _mf4(log: CanLog) -> Iterator[can.Message]:
 
 
 def _python_can(log: CanLog, reader: Any) -> Iterator[can.Message]:
-    with reader:
-        yield from reader
+    said = _Said(log)
+    logger = logging.getLogger("can")
+    logger.addHandler(said)
+    try:
+        with reader:
+            yield from reader
+    finally:
+        logger.removeHandler(said)
+
+
+class _Said(logging.Handler):
+    """What python-can says of lines that it leaves out becomes a loss of the log."""
+
+    def __init__(self, log: CanLog) -> None:
+        super().__init__(logging.WARNING)
+        self._log = log
+
+    def emit(self, record: logging.LogRecord) -> None:
+        self._log.lost(record.getMessage())

@@ -67,6 +67,11 @@ class FrameFilter:
         self._buffer = b""
         self.frames = 0  # that were taken out
 
+    @property
+    def unfinished(self) -> int:
+        """Bytes of a frame that has not ended."""
+        return len(self._buffer)
+
     def feed(self, data: bytes) -> bytes:
         """The bytes that belong to no frame, of those that are complete."""
         self._buffer += data
@@ -133,6 +138,11 @@ class ReceiverDecoder:
             return self.ubx
         of_nmea, of_ubx = self.nmea.link.counts["frames"], self.ubx.link.counts["frames"] + self._filter.frames
         return self.ubx if of_ubx and not of_nmea else self.nmea
+
+    @property
+    def foreign_bytes(self) -> int:
+        """Bytes that belong to no frame of UBX or RTCM and to no sentence, with those of one that has not ended."""
+        return self.nmea.link.counts["other bytes"] + self.nmea.unfinished + self._filter.unfinished
 
     @property
     def link(self) -> LinkStatistics:

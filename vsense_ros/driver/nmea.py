@@ -127,6 +127,11 @@ class NmeaDecoder:
         self._buffer = self._buffer[position:]
         return made
 
+    @property
+    def unfinished(self) -> int:
+        """Bytes of a sentence that has not ended."""
+        return len(self._buffer)
+
     def diagnostics(self, now: int) -> list[Diagnostic]:
         """Health of the link and of each topic at `now` [ns]."""
         sent = self.link.not_decoded

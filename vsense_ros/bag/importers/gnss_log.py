@@ -59,6 +59,9 @@ def read(path: Path) -> Recording:
     notes = []
     if counts["broken frames"]:
         notes.append(f"{path.name}: {counts['broken frames']} broken frames left out")
+    if decoder.foreign_bytes:
+        other = "belong to no whole sentence of NMEA and no whole frame of UBX or RTCM"
+        notes.append(f"{path.name}: {decoder.foreign_bytes} bytes {other}")
     if link.not_decoded:
         notes.append(f"{path.name}: not decoded: {link.not_decoded}")
     if not samples:

@@ -21,6 +21,7 @@ from vsense_ros.bag.importers import build
 from vsense_ros.bag.importers import mapping as mapping_file
 from vsense_ros.bag.importers.build import Array
 from vsense_ros.bag.importers.columns import recording_from
+from vsense_ros.bag.importers.cut_text import is_cut
 from vsense_ros.bag.importers.mapping import Column, Ref
 from vsense_ros.errors import InputError
 from vsense_ros.messages.recording import Channel, Recording
@@ -35,6 +36,7 @@ _USED = ("time", "lat", "long")
 _GNSS = (*_USED, "sats", "velocity", "heading", "height", "vert-vel")
 _NOT_ASCII = bytes(range(128, 256))
 _LONGEST_HEAD = 1 << 20  # [byte]
+_TAIL = 1 << 14  # [byte] at the end, by which it is seen if the last line was cut
 
 
 def matches(path: Path) -> bool:
@@ -92,7 +94,18 @@ def _content(path: Path, notes: list[str]) -> tuple[str, list[str], dict[str, Ar
         raise InputError(
             f"{path}: no column {missing[0]!r}; its section [column names] has: {', '.join(names) or 'nothing'}"
         )
-    return head, names, _table(path, data[data.find(b"\n", at) + 1 :], names, notes)
+    rows = _whole_lines(path, data[data.find(b"\n", at) + 1 :], notes)
+    return head, names, _table(path, rows, names, notes)
+
+
+def _whole_lines(path: Path, rows: bytes, notes: list[str]) -> bytes:
+    """The rows without a last one that was cut."""
+    *before, last = rows[-_TAIL:].split(b"\n")
+    whole = [line.decode("cp1252", errors="replace").strip() for line in before[1:] if line.strip()]
+    if last.strip() and whole and is_cut(last.decode("cp1252", errors="replace").strip(), whole, " "):
+        notes.append(f"{path.name}: the last line is cut and left out: {last[:60]!r}")
+        return rows[: len(rows) - len(last)]
+    return rows
 
 
 def _section(head: str, name: str) -> str:

@@ -14,6 +14,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 from pysbf2 import SBF_MSGIDS, VALNONE, SBFReader
 from scipy.spatial.transform import Rotation
 
@@ -65,7 +66,10 @@ def read(path: Path) -> Recording:
     counts: Counter[str] = Counter()
     values: dict[str, dict[Time, Any]] = {name: {} for name in _WANTED}
     others: Counter[str] = Counter()
-    for block in _blocks(path.read_bytes(), counts):
+    data = path.read_bytes()
+    outside = len(data)
+    for block in _blocks(data, counts):
+        outside -= len(block)
         name = _name(block)
         if name not in values:
             others[name] += 1
@@ -83,6 +87,8 @@ def read(path: Path) -> Recording:
             f"found {held}"
         )
     notes = [f"{path.name}: {number} blocks left out: {why}" for why, number in counts.items()]
+    if outside:
+        notes.append(f"{path.name}: {outside} bytes belong to no whole block and are not read")
     if others:
         notes.append(f"{path.name}: blocks that are not read: {', '.join(sorted(others))}")
     return Recording({c.topic: c for c in channels}, path.stem, tuple(notes), 0, {"source": NAME})
@@ -134,22 +140,25 @@ def _solutions(values: Mapping[str, Mapping[Time, Any]]) -> list[Channel]:
     stamp, channels = _stamps(times), []
     place = _numbers(blocks, _PLACE)
     if (known := np.isfinite(place[:, :2]).all(axis=1)).any():
-        errors = _covariances(values[_POSITION_ERROR], times, _OF_POSITION)
+        covariance, stated = _covariances(values[_POSITION_ERROR], times, _OF_POSITION)
         longitude, latitude = np.degrees(place[known, 0]), np.degrees(place[known, 1])
-        covariance = None if errors is None else errors[known]
-        channels.append(build.fix(stamp[known], latitude, longitude, place[known, 2], covariance=covariance))
+        fix = build.fix(stamp[known], latitude, longitude, place[known, 2], covariance=covariance[known])
+        fix.columns["position_covariance_type"][~stated[known]] = 0.0  # unknown
+        channels.append(fix)
     motion = _numbers(blocks, _MOTION)
     if (known := np.isfinite(motion).all(axis=1)).any():
-        errors = _covariances(values[_VELOCITY_ERROR], times, _OF_VELOCITY)
-        covariance = None if errors is None else errors[known].reshape(-1, 3, 3)
-        channels.append(build.velocity(stamp[known], motion[known], covariance=covariance))
+        covariance, _ = _covariances(values[_VELOCITY_ERROR], times, _OF_VELOCITY)
+        channels.append(build.velocity(stamp[known], motion[known], covariance=covariance[known].reshape(-1, 3, 3)))
     return channels
 
 
-def _covariances(blocks: Mapping[Time, Any], times: list[Time], elements: tuple[str, ...]) -> Array | None:
-    """Covariances (n, 9) of the solutions at some times; None if not every one of them has its own."""
+def _covariances(
+    blocks: Mapping[Time, Any], times: list[Time], elements: tuple[str, ...]
+) -> tuple[Array, NDArray[np.bool_]]:
+    """Covariances (n, 9) of the solutions at some times, zeros where none is stated, and where one is (n,)."""
     found = _numbers([blocks.get(time) for time in times], tuple(f"Cov_{element}" for element in elements))
-    return found if np.isfinite(found).all() else None
+    stated = np.asarray(np.isfinite(found).all(axis=1))
+    return np.where(stated[:, None], found, 0.0), stated
 
 
 def _attitudes(values: Mapping[str, Mapping[Time, Any]]) -> list[Channel]:

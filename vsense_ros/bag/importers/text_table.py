@@ -21,6 +21,7 @@ import pyarrow as pa
 import pyarrow.csv
 
 from vsense_ros.bag.importers.build import Array
+from vsense_ros.bag.importers.cut_text import Beginning, is_cut
 from vsense_ros.bag.importers.mapping import CLOCKS, Column, ColumnMapping, Ref, unit_in_name
 from vsense_ros.bag.importers.text_clocks import CLOCK, ISO, clock_cell, times_of
 from vsense_ros.errors import InputError
@@ -31,6 +32,7 @@ _MISSING = ("", "-", "--", "---", "n/a", "N/A", "NA", "#N/A", "nan", "NaN", "NAN
 _LONGEST_LINE = 1 << 20  # [byte]
 _LONGEST_SHOWN = 60  # characters of a cell in an error
 _FOOTER = 20  # lines at the end of a file that may be something else than rows
+_TAIL = 1 << 16  # [byte] at the end of a file, by which it is seen if its last line was cut
 _BLOCK = 1 << 20  # [byte] that are parsed at once: larger ones leave more of the memory in pieces
 
 
@@ -166,7 +168,7 @@ def read_texts(path: Path, wanted: ColumnMapping, names: Sequence[str]) -> TextC
 
 
 class _Lines:
-    """The beginning of a table: its encoding, header, units, and where the rows begin."""
+    """The beginning of a table: its encoding, header, units, and where the rows begin and end."""
 
     def __init__(self, path: Path, wanted: ColumnMapping) -> None:
         self.path, self.wanted = path, wanted
@@ -178,6 +180,7 @@ class _Lines:
             raise InputError(f"mapping: encoding {self.encoding!r} is not known; examples: utf-8, cp1252") from None
         self.header: list[str] = []
         self.line = 0  # number of lines before the rows
+        self.end: int | None = None  # where a last line begins that was cut
         with self.open() as file:
             for _ in range(wanted.skip_lines):
                 self._next(file)
@@ -204,6 +207,22 @@ class _Lines:
                 self.line = before
             else:
                 self.line = before
+            self._leave_out_cut_line(file)
+
+    def _leave_out_cut_line(self, file: BinaryIO) -> None:
+        """End the rows before a last line of which a part is missing: its last number would be another one."""
+        size = file.seek(0, io.SEEK_END)
+        begin = max(self.start, size - _TAIL)
+        file.seek(begin)
+        tail = file.read(_TAIL)
+        if tail.endswith((b"\n", b"\r")):
+            return
+        *before, last = tail.split(b"\n")
+        whole = [self.text(line).rstrip("\r") for line in before[1 if begin > self.start else 0 :] if line.strip()]
+        if whole and is_cut(self.text(last), whole, self.wanted.delimiter, self.wanted.decimal):
+            self.end = size - len(last)
+            shown = self.text(last)[:_LONGEST_SHOWN]
+            self.notes.append(f"{self.path.name}: the last line is cut and left out: {shown!r}")
 
     def _encoding(self) -> str:
         with self.path.open("rb") as file:
@@ -227,10 +246,11 @@ class _Lines:
         """The file in an encoding of which each ASCII character is one byte."""
         if self.encoding.lower().replace("_", "-") in ("utf-16", "utf-16-le", "utf-16-be", "utf-32"):
             try:
-                return io.BytesIO(self.path.read_text(encoding=self.encoding).encode())
+                return io.BytesIO(self.path.read_text(encoding=self.encoding).encode()[: self.end])
             except UnicodeError as error:
                 raise InputError(f"{self.path}: not a text in {self.encoding}: {error}") from None
-        return self.path.open("rb")
+        file = self.path.open("rb")
+        return file if self.end is None else io.BufferedReader(Beginning(file, self.end))
 
     def text(self, line: bytes) -> str:
         wide = self.encoding.lower().startswith(("utf-16", "utf-32"))
