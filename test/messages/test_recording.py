@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 from hypothesis import given
 from hypothesis import strategies as st
+from numpy.testing import assert_array_equal
 
 from vsense_ros.messages.recording import Channel, Recording
 
@@ -39,3 +40,21 @@ def test_only_the_topics_that_are_asked_for_come() -> None:
     recording = Recording({name: channel(name, [1, 2]) for name in "abc"})
     assert [s.topic for s in recording.samples(("c", "a"))] == ["a", "c", "a", "c"]
     assert list(recording.samples(())) == []
+
+
+@given(constant=st.booleans(), rows=st.integers(0, 40), chosen=st.integers(0, 40), value=st.floats())
+def test_a_compact_channel_says_the_same_in_less_memory_where_a_column_never_changes(
+    constant: bool, rows: int, chosen: int, value: float
+) -> None:
+    covariance = np.full((rows, 9), value)
+    if not constant and rows:
+        covariance[rows // 2, 3] = 1.5
+    stamp = np.arange(rows) * 10
+    channel = Channel("imu/data", "sensor_msgs/msg/Imu", stamp, stamp, {"angular_velocity_covariance": covariance})
+    compact = channel.compact()
+    first, same = channel.select(slice(chosen)), compact.select(slice(chosen))
+    for one, other in ((channel, compact), (first, same), (first, same.select(np.arange(len(same))))):
+        assert_array_equal(one.columns["angular_velocity_covariance"], other.columns["angular_velocity_covariance"])
+        assert [repr(sample) for sample in one] == [repr(sample) for sample in other]
+    if rows > 1 and (constant or value == 1.5):
+        assert compact.columns["angular_velocity_covariance"].strides[0] == 0

@@ -73,11 +73,17 @@ def test_a_channel_read_in_blocks_is_what_its_messages_are_one_by_one(
         columns[field] = column
     stamps = np.arange(count) * 10_000_000
     channel = Channel("topic", sensor.message, stamps, stamps, columns, sensor.frame_id, names)
-    one_by_one, in_blocks = (Reader(0, sensor, Map(ORIGIN)) for _ in range(2))
+    one_by_one, in_blocks, in_arrays = (Reader(0, sensor, Map(ORIGIN)) for _ in range(3))
     expected = [one_by_one.read(sample) for sample in channel]
     found = list(in_blocks.read_channel(channel))
     assert [repr(one) for one in found] == [repr(one) for one in expected]
-    assert any(not isinstance(one, str) for one in found)
+    events = [one for one in expected if not isinstance(one, str)]
+    assert events
+    measured = in_arrays.measurements(channel)
+    assert measured.stamp.tolist() == [event.stamp for event in events]
+    np.testing.assert_array_equal(measured.value, [event.value for event in events])
+    np.testing.assert_array_equal(measured.variance, [event.variance for event in events])
+    assert measured.why == next((one for one in expected if isinstance(one, str)), "")
 
 
 class _Mean(WheelSpeeds):

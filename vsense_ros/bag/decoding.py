@@ -57,7 +57,7 @@ def channels_of(gathered: Iterable[tuple[str, TopicMessages]], notes: list[str])
         if decoded.channel is not None:
             decoded = replace(decoded, channel=_with_possible_times(decoded.channel, notes))
         if decoded.channel is not None:
-            result[topic] = decoded.channel
+            result[topic] = decoded.channel.compact()
         if decoded.bad:
             notes.append(f"{topic}: {decoded.bad} messages are damaged and left out; the first: {decoded.first_error}")
             lost += decoded.bad

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterator, Mapping
 from functools import lru_cache, partial
+from typing import NamedTuple
 
 import numpy as np
 import pymap3d
@@ -58,6 +59,16 @@ class Map:
         return float(latitude), float(longitude)
 
 
+class Measurements(NamedTuple):
+    """Measurements of one sensor: `stamp` (n,) with the latency taken off [ns], `value` and `variance` (n, m), NaN
+    where a component is absent; `why` says what was wrong with the first message without one, if there was any."""
+
+    stamp: NDArray[np.int64]
+    value: Array
+    variance: Array
+    why: str = ""
+
+
 class Reader:
     """Reads the messages of one sensor."""
 
@@ -83,20 +94,55 @@ class Reader:
 
     def read_channel(self, channel: Channel) -> Iterator[Event | str]:
         """What `read` makes of each message of a channel, where nothing depends on other sensors in blocks of them."""
-        if self._geodetic or self._unexpected(channel):
-            yield from map(self.read, channel)
-            return
-        for first in range(0, len(channel), BLOCK):
-            yield from self._read_block(channel.select(slice(first, first + BLOCK)))
+        for block in self._blocks(channel):
+            rows = self._rows(block)
+            if rows is None:
+                yield from map(self.read, block)
+                continue
+            usable = np.any(np.isfinite(rows.value), axis=1).tolist()
+            for is_usable, *row in zip(usable, rows.stamp.tolist(), rows.value, rows.variance, strict=True):
+                yield Event(self._index, *row) if is_usable else UNUSABLE
 
-    def _read_block(self, block: Channel) -> Iterable[Event | str]:
-        """Measurements of the messages of a channel, which are of the kind and the frame that are expected."""
+    def measurements(self, channel: Channel) -> Measurements:
+        """The measurements in all messages of a channel that have one, as arrays: a recording of hours has millions,
+        and an object for each would take ten times the memory."""
+        parts, why = [], ""
+        for block in self._blocks(channel):
+            rows = self._rows(block)
+            if rows is None:
+                read = [self.read(sample) for sample in block]
+                events = [one for one in read if isinstance(one, Event)]
+                why = why or next((one for one in read if isinstance(one, str)), "")
+                if not events:
+                    continue
+                rows = Measurements(
+                    np.array([event.stamp for event in events], dtype=np.int64),
+                    *(np.array([getattr(event, name) for event in events]) for name in ("value", "variance")),
+                )
+            usable = np.any(np.isfinite(rows.value), axis=1)
+            if not usable.all():
+                why = why or UNUSABLE
+                rows = Measurements(rows.stamp[usable], rows.value[usable], rows.variance[usable])
+            parts.append(rows)
+        m = len(self._usual)
+        parts = parts or [Measurements(np.zeros(0, dtype=np.int64), np.zeros((0, m)), np.zeros((0, m)))]
+        columns = ([getattr(part, name) for part in parts] for name in ("stamp", "value", "variance"))
+        return Measurements(*map(np.concatenate, columns), why)
+
+    def _blocks(self, channel: Channel) -> Iterator[Channel]:
+        return (channel.select(slice(first, first + BLOCK)) for first in range(0, len(channel), BLOCK))
+
+    def _rows(self, block: Channel) -> Measurements | None:
+        """What is read of the messages of a channel, whose values are NaN where nothing is usable; None where they have
+        to be read one by one."""
+        if self._geodetic or self._unexpected(block):
+            return None
         value = np.empty((len(block), len(self._usual)))
         variance = np.tile(self._usual, (len(block), 1))
         try:
             self._sensor.read_rows(block.names, block.columns, value, variance)
         except (KeyError, IndexError, ValueError):
-            return map(self.read, block)
+            return None
         if self._offsets is not None:
             value -= self._offsets
         variance = np.where(variance < self._least, self._usual, variance)
@@ -105,12 +151,7 @@ class Reader:
             known = is_number & (np.abs(value) < _LARGEST_VALUE)
         variance[~is_number] = 1.0
         value[~known] = np.nan
-        stamps = (block.stamp - self._latency).tolist()
-        usable = np.any(known, axis=1).tolist()
-        return (
-            Event(self._index, *row) if usable_row else UNUSABLE
-            for usable_row, *row in zip(usable, stamps, value, variance, strict=True)
-        )
+        return Measurements(block.stamp - self._latency, value, variance)
 
     def _unexpected(self, message: Sample | Channel) -> str:
         """What is not as expected in the kind or the frame of a message, or of all of a channel; empty for nothing."""

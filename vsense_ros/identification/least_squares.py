@@ -132,7 +132,7 @@ class Fit:
             np.array([len(r) for r in self.residuals]),
         )  # fmt: skip
 
-    def joined(self, free_parameters: Sequence[FreeParameter], slopes: Sequence[Array]) -> Fit:
+    def joined(self, free_parameters: Sequence[FreeParameter], slopes: Iterable[Array]) -> Fit:
         """The fit with further free parameters, of which the slopes (rows, n) by block are given. One that it has
         already, by name, is replaced where it is; all others are at zero."""
         names, known = {parameter.name for parameter in free_parameters}, self.offset_by_name

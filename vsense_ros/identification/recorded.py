@@ -106,12 +106,10 @@ def _read(recording: Recording, sensor: SensorBase, on_map: Map) -> tuple[Array,
     """Times [s] and measurements (N, m) in the axes of the car; None where there are none."""
     if sensor.topic not in recording or len(recording[sensor.topic]) < 2:
         return None
-    channel, reader = recording[sensor.topic], Reader(0, sensor, on_map)
-    events = [one for row in range(len(channel)) if not isinstance(one := reader.read(channel.sample(row)), str)]
-    if len(events) < 2:
+    read = Reader(0, sensor, on_map).measurements(recording[sensor.topic])
+    if len(read.stamp) < 2:
         return None
-    stamps = np.array([event.stamp for event in events], dtype=np.int64)
-    stamps, measured = _joined(stamps, np.array([event.value for event in events]))
+    stamps, measured = _joined(read.stamp, read.value)
     return np.asarray((stamps - recording.first_stamp) * 1e-9, dtype=np.float64), sensor.in_axes_of_car(measured)
 
 

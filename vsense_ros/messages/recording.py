@@ -142,12 +142,21 @@ class Channel:
 
     def select(self, rows: NDArray[np.bool_] | NDArray[np.int64] | slice) -> Channel:
         """The channel with only these rows."""
-        return replace(
-            self,
-            stamp=self.stamp[rows],
-            received=self.received[rows],
-            columns={name: column[rows] for name, column in self.columns.items()},
-        )
+        stamp = self.stamp[rows]
+        columns = {
+            name: column[rows] if column.strides[0] else np.broadcast_to(column[:1], (len(stamp), column.shape[1]))
+            for name, column in self.columns.items()
+        }
+        return replace(self, stamp=stamp, received=self.received[rows], columns=columns)
+
+    def compact(self) -> Channel:
+        """The channel with columns that never change stored as one row, which cannot be written to. Covariances seldom
+        change, and are most of what inertial sensors and odometry send."""
+        columns = {
+            name: np.broadcast_to(column[:1].copy(), column.shape) if _is_constant(column) else column
+            for name, column in self.columns.items()
+        }
+        return replace(self, columns=columns)
 
     def in_order(self) -> Channel:
         """The channel with its rows in order of arrival."""
@@ -175,6 +184,14 @@ class Channel:
             self.child_frame_id,
             int(self.received[row]),
         )
+
+
+def _is_constant(column: NDArray[np.float64]) -> bool:
+    """True if all rows of a column (n, m) are the same to the last bit, and stored one by one."""
+    if len(column) < 2 or not column.strides[0] or column.dtype != np.float64:
+        return False
+    bits = column.view(np.int64)
+    return bool((bits[-1] == bits[0]).all() and (bits == bits[0]).all())
 
 
 @dataclass(frozen=True, repr=False)
@@ -276,6 +293,10 @@ class Recording:
         """`table` as an xarray data set over `time` [s], each variable with its unit in `attrs["units"]`. Raises
         `MissingExtra` if xarray is not installed."""
         return self.table().to_xarray()
+
+    def compact(self) -> Recording:
+        """The recording with columns that never change stored as one row: `Channel.compact`."""
+        return replace(self, channels={topic: channel.compact() for topic, channel in self.channels.items()})
 
     def samples(self, topics: tuple[str, ...] | None = None) -> Iterator[Sample]:
         """All messages in order of arrival, ties in the order of the channels."""

@@ -6,7 +6,7 @@ base fit is what it does near another fit, to first order.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -63,7 +63,9 @@ class Secants:
     def _simulate_places(self, points: Sequence[FreeParameter]) -> None:
         """Simulate secants by a size at each of these places at the base fit."""
         for point, slopes in zip(points, self._slopes_of_places(self.base, points, EFFORT.secant), strict=True):
-            self._columns[point.name, point.form] = [part / point.deviation for part in slopes]
+            self._columns[point.name, point.form] = [
+                part / point.deviation if part.strides[0] else part for part in slopes
+            ]
 
     def _slopes_of_places(self, at: Fit, points: Sequence[FreeParameter], step: float) -> list[list[Array]]:
         """Slopes by a size at each of these places, per deviation, by window: of those that are far from one another at
@@ -79,7 +81,7 @@ class Secants:
             for point in group:
                 assert point.place is not None
                 near = [np.abs(way - point.place[1]) < EFFORT.places_apart / 2 * SPACING for way in passed]
-                found[point.name] = [np.where(here, part, 0.0) for here, part in zip(near, secant, strict=True)]
+                found[point.name] = [_where(here, part) for here, part in zip(near, secant, strict=True)]
             self._progress()
         return [found[point.name] for point in points]
 
@@ -110,10 +112,11 @@ class Secants:
         known, names = at.equations, {parameter.name for parameter in free_parameters}
         stay = [i for i, parameter in enumerate(at.free_parameters) if parameter.name not in names]
         present = at.offset_by_name
-        columns = [[part * parameter.deviation for part in self.column(parameter)] for parameter in free_parameters]
-        new = [np.column_stack(parts) for parts in zip(*columns, strict=True)]
-        across = np.array([(s.T @ n)[stay] for s, n in zip(at.slopes, new, strict=True)])
-        own = np.array([n.T @ n for n in new])
+        across, own, right = [], [], []
+        for slopes, residuals, new in zip(at.slopes, at.residuals, self._by_window(free_parameters), strict=True):
+            across.append((slopes.T @ new)[stay])
+            own.append(new.T @ new)
+            right.append(new.T @ residuals)
         rest = known.only(stay)
         return replace(
             rest,
@@ -122,12 +125,23 @@ class Secants:
                 rest.scaled_offsets,
                 [present.get(parameter.name, 0.0) / parameter.deviation for parameter in free_parameters],
             ),
-            normal=np.block([[rest.normal, across], [across.transpose(0, 2, 1), own]]),
-            right=np.hstack([rest.right, [n.T @ r for n, r in zip(new, at.residuals, strict=True)]]),
+            normal=np.block([[rest.normal, np.array(across)], [np.array(across).transpose(0, 2, 1), np.array(own)]]),
+            right=np.hstack([rest.right, right]),
         )
 
     def joined(self, at: Fit, free_parameters: Sequence[FreeParameter]) -> Fit:
         """A fit with further free parameters, at zero, whose slopes are the secants of the base fit."""
-        columns = [self.column(parameter) for parameter in free_parameters]
+        return at.joined(free_parameters, self._by_window(free_parameters))
+
+    def _by_window(self, free_parameters: Sequence[FreeParameter]) -> Iterator[Array]:
+        """Secants (rows, k) of the base fit by k parameters, per deviation, of one window after the other: those of all
+        places of a long road by all of its windows would take gigabytes."""
         deviations = [parameter.deviation for parameter in free_parameters]
-        return at.joined(free_parameters, [np.column_stack(c) * deviations for c in zip(*columns, strict=True)])
+        for parts in zip(*map(self.column, free_parameters), strict=True):
+            yield np.column_stack(parts) * deviations
+
+
+def _where(here: NDArray[np.bool_], part: Array) -> Array:
+    """The secant (n,) in one window, zero where the car is not `here`. Where it never is, one zero is stored for all:
+    most places of a long road are passed in one window of many."""
+    return np.where(here, part, 0.0) if here.any() else np.broadcast_to(0.0, part.shape)

@@ -46,11 +46,14 @@ class Predictor:
         self.names = self.car.parameter_names
         self._loop = OpenLoop(self.car, PREDICTION.keep_every, PREDICTION.renew_every)
         self._motions: list[dict[int, tuple[StateHistory, dict[int, dict[str, Array]]]]] = [{} for _ in dataset.windows]
-        # parameter sets that are driven at once: no fewer than lanes, which motions near a known one fill alone
-        self.ahead = max(self._loop.lanes, _at_once(len(dataset.windows), self._loop.lanes))
+        self._near = None if self._loop.library is None else MotionsNear(self._loop)
+        # Parameter sets that are driven at once. Motions near a known one, of one window at a time, need as many as
+        # there are lanes; with more, long recordings would only take more memory.
+        self.ahead = _at_once(len(dataset.windows), self._loop.lanes)
+        if self._near is not None and any(window.torques for window in dataset.windows):
+            self.ahead = max(self.ahead, self._loop.lanes)
         self._asked: list[tuple[ParameterSet, Mapping[str, SensorBase], list[Driving]]] = []  # the last at the end
         self._kept = PREDICTION.remembered + self.ahead
-        self._near = None if self._loop.library is None else MotionsNear(self._loop)
         self._moving = _parameters_of_motion(self.car)
         self.drives = Drives(self.vehicle, dataset, self.names)
         self.radius = self.drives.radius

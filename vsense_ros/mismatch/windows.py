@@ -232,16 +232,13 @@ def _read(recording: Recording, sensor: SensorBase, on_map: Map) -> Readings | s
     if sensor.topic not in recording or len(recording[sensor.topic]) < 2:
         return None
     channel = recording[sensor.topic]
-    reader = Reader(0, sensor, on_map)
-    read = [reader.read(channel.sample(row)) for row in range(len(channel))]
-    events = [event for event in read if not isinstance(event, str)]
-    if len(events) < 2:
-        return next(event for event in read if isinstance(event, str))
-    stamps = np.array([event.stamp for event in events], dtype=np.int64)
-    order = np.argsort(stamps, kind="stable")
-    order = order[np.concatenate([[True], np.diff(stamps[order]) > 0])]
-    value = np.array([events[i].value for i in order])
-    t = (stamps[order] - recording.first_stamp) * 1e-9
+    read = Reader(0, sensor, on_map).measurements(channel)
+    if len(read.stamp) < 2:
+        return read.why
+    order = np.argsort(read.stamp, kind="stable")
+    order = order[np.concatenate([[True], np.diff(read.stamp[order]) > 0])]
+    value = read.value[order]
+    t = (read.stamp[order] - recording.first_stamp) * 1e-9
     value = _at_one_time(t, value, sensor.ages() - sensor.latency)
     of_car = sensor.in_axes_of_car(value)
     return Readings(t, of_car, None if of_car is value else value)

@@ -107,7 +107,7 @@ def import_recording(path: str | Path, **options: Any) -> Recording:
     with bounded_memory(Path(path)):
         try:
             with explained():
-                return without_repeats(with_steady_clocks(importer.read(Path(path), **options)))
+                return without_repeats(with_steady_clocks(importer.read(Path(path), **options).compact()))
         except (InputError, MemoryError):
             raise
         except Exception as error:  # of a library, that a damaged file has led where nobody expected it
