@@ -83,3 +83,20 @@ def test_the_name_of_a_point_tells_its_place(abscissa):
 def test_points_are_where_the_car_has_been():
     found = points([np.arange(0.0, 220.0), ROAD_SETTINGS.stretch + np.arange(0.0, 10.0)])
     assert found == pytest.approx(np.arange(0, 5) * SPACING)
+
+
+@given(st.integers(0, 2**32 - 1), st.integers(0, 60))
+def test_a_place_is_met_where_the_nearest_of_all_points_is(seed: int, count: int):
+    """As a search of all points finds it: within the spacing along the road, and across by no more than a lane."""
+    rng, s = np.random.default_rng(seed), ROAD_SETTINGS
+    columns = [*rng.uniform(-40.0, 40.0, (2, count)), rng.uniform(-4.0, 4.0, count), rng.uniform(0.0, 1e3, count)]
+    road = Road(*(column.tolist() for column in columns))
+    for east, north, course in np.column_stack([rng.uniform(-50.0, 50.0, (20, 2)), rng.uniform(-4.0, 4.0, 20)]):
+        met = []
+        for x, y, heading, abscissa in zip(*columns, strict=True):
+            along = np.cos(heading) * (east - x) + np.sin(heading) * (north - y)
+            across = np.cos(heading) * (north - y) - np.sin(heading) * (east - x)
+            if abs(along) < s.spacing and abs(across) < s.near and np.cos(course - heading) > np.cos(s.turned):
+                met.append((abs(across), abscissa + along))
+        expected = min(met)[1] if met else None
+        assert road.abscissa_of(east, north, course) == (None if expected is None else pytest.approx(expected))

@@ -7,6 +7,7 @@ GNSS shifts a lap by metres and bends nothing. Without positions every recording
 
 from __future__ import annotations
 
+from bisect import bisect_left
 from collections import deque
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
@@ -47,6 +48,11 @@ class Road:
     heading: list[float] = field(default_factory=list)  # [rad], counter-clockwise from east
     abscissa: list[float] = field(default_factory=list)  # [m]
     stretches: int = 0
+    _cells: dict[tuple[int, int], list[int]] = field(default_factory=dict, init=False, repr=False, compare=False)
+
+    def __post_init__(self) -> None:
+        for index, (x, y) in enumerate(zip(self.east, self.north, strict=True)):
+            self._cells.setdefault(_cell(x, y), []).append(index)
 
     def begin(self) -> float:
         """The abscissa at which a new stretch begins."""
@@ -62,7 +68,7 @@ class Road:
         x, y = (_smooth(np.interp(at, travelled, values)) for values in (east, north))
         course = np.unwrap(np.arctan2(np.gradient(y), np.gradient(x)))
         known = len(self.abscissa)
-        own: list[int] = []  # points of `at` that were added, by the index in the road less `known`
+        own: list[float] = []  # `at` of the points that were added, by the index in the road less `known`
         abscissa = np.zeros(len(at))
         shifts: deque[float] = deque(maxlen=ROAD_SETTINGS.averaged_points)
         shift = self.begin() - travelled[0]
@@ -70,9 +76,7 @@ class Road:
         candidates: deque[float] = deque(maxlen=ROAD_SETTINGS.sure_points)
         for i in range(len(at)):
             expected = at[i] + shift if passing else None
-            met = self._met(
-                x[i], y[i], course[i], known + int(np.searchsorted(at[own], at[i] - ROAD_SETTINGS.again)), expected
-            )
+            met = self._met(x[i], y[i], course[i], known + bisect_left(own, at[i] - ROAD_SETTINGS.again), expected)
             if passing:
                 in_a_row = 0 if met is not None else in_a_row + 1
                 if met is not None:
@@ -89,12 +93,12 @@ class Road:
                         shift = self.begin() - at[i - ROAD_SETTINGS.sure_points + 1]
                     for j in range(i - ROAD_SETTINGS.sure_points + 1, i + 1):
                         self._add(x[j], y[j], course[j], at[j] + shift)
-                        own.append(j)
+                        own.append(at[j])
                         abscissa[j] = at[j] + shift
             else:
                 abscissa[i] = at[i] + shift
                 self._add(x[i], y[i], course[i], abscissa[i])
-                own.append(i)
+                own.append(at[i])
                 if met is None:
                     in_a_row = 0
                     candidates.clear()
@@ -123,12 +127,15 @@ class Road:
 
     def _met(self, x: float, y: float, course: float, until: int, expected: float | None) -> float | None:
         """The abscissa of a place among the first points, if it is one of them."""
-        if until == 0:
+        column, row = _cell(x, y)
+        around = [self._cells.get((column + i, row + j), ()) for i in (-1, 0, 1) for j in (-1, 0, 1)]
+        points = sorted(index for of_cell in around for index in of_cell if index < until)
+        if not points:
             return None
-        dx, dy = x - np.array(self.east[:until]), y - np.array(self.north[:until])
-        heading = np.array(self.heading[:until])
+        east, north, heading, abscissa = (np.array([values[k] for k in points]) for values in self._columns)
+        dx, dy = x - east, y - north
         along, across = np.cos(heading) * dx + np.sin(heading) * dy, np.cos(heading) * dy - np.sin(heading) * dx
-        place = np.array(self.abscissa[:until]) + along
+        place = abscissa + along
         near = (
             (np.abs(along) < ROAD_SETTINGS.spacing)
             & (np.abs(across) < ROAD_SETTINGS.near)
@@ -141,16 +148,25 @@ class Road:
         return float(place[near][np.argmin(np.abs(across[near]))])
 
     def _add(self, x: float, y: float, course: float, abscissa: float) -> None:
+        self._cells.setdefault(_cell(x, y), []).append(len(self.abscissa))
         for values, value in zip(self._columns, (x, y, course, abscissa), strict=True):
             values.append(float(value))
 
     def _remove(self) -> None:
+        self._cells[_cell(self.east[-1], self.north[-1])].pop()
         for values in self._columns:
             values.pop()
 
     @property
     def _columns(self) -> tuple[list[float], ...]:
         return self.east, self.north, self.heading, self.abscissa
+
+
+def _cell(x: float, y: float) -> tuple[int, int]:
+    """Where a point is on a grid [m] whose cells are as wide as points of one place are apart at most: those near a
+    point are in its cell or in one beside it, however long the road."""
+    width = float(np.hypot(ROAD_SETTINGS.spacing, ROAD_SETTINGS.near))
+    return int(x // width), int(y // width)
 
 
 def _smooth(values: Array) -> Array:
