@@ -106,7 +106,8 @@ class Reader:
     def measurements(self, channel: Channel) -> Measurements:
         """The measurements in all messages of a channel that have one, as arrays: a recording of hours has millions,
         and an object for each would take ten times the memory."""
-        parts, why = [], ""
+        parts: list[Measurements] = []
+        why = ""
         for block in self._blocks(channel):
             rows = self._rows(block)
             if rows is None:
@@ -117,17 +118,23 @@ class Reader:
                     continue
                 rows = Measurements(
                     np.array([event.stamp for event in events], dtype=np.int64),
-                    *(np.array([getattr(event, name) for event in events]) for name in ("value", "variance")),
+                    np.array([event.value for event in events]),
+                    np.array([event.variance for event in events]),
                 )
             usable = np.any(np.isfinite(rows.value), axis=1)
             if not usable.all():
                 why = why or UNUSABLE
                 rows = Measurements(rows.stamp[usable], rows.value[usable], rows.variance[usable])
             parts.append(rows)
-        m = len(self._usual)
-        parts = parts or [Measurements(np.zeros(0, dtype=np.int64), np.zeros((0, m)), np.zeros((0, m)))]
-        columns = ([getattr(part, name) for part in parts] for name in ("stamp", "value", "variance"))
-        return Measurements(*map(np.concatenate, columns), why)
+        if not parts:
+            nothing = np.zeros((0, len(self._usual)))
+            return Measurements(np.zeros(0, dtype=np.int64), nothing, nothing, why)
+        return Measurements(
+            np.concatenate([part.stamp for part in parts]),
+            np.concatenate([part.value for part in parts]),
+            np.concatenate([part.variance for part in parts]),
+            why,
+        )
 
     def _blocks(self, channel: Channel) -> Iterator[Channel]:
         return (channel.select(slice(first, first + BLOCK)) for first in range(0, len(channel), BLOCK))
