@@ -17,6 +17,7 @@ from vsense_ros.accelerator.frame import Status
 from vsense_ros.accelerator.kernels import BODY_MASS, SOLVE_14, SUSPENSION_MOTION, Kernel
 from vsense_ros.accelerator.registers import REGISTERS, values
 from vsense_ros.accelerator.rtl import missing, sources
+from vsense_ros.cache import kept
 
 HW = Path(__file__).parents[2] / "hw"
 AT = {register.name: register.offset for register in REGISTERS}
@@ -91,31 +92,34 @@ class Controlled:
 
 
 @pytest.fixture(scope="module")
-def built(tmp_path_factory: pytest.TempPathFactory) -> Callable[[Kernel], Controlled]:
-    made: dict[str, Path] = {}
+def built() -> Callable[[Kernel], Controlled]:
+    """Makes a kernel with its registers, which is compiled where no earlier run has kept it."""
+    files = [HW / "control" / f"{name}.sv" for name in ("register_map", "chosen_kernel", "controlled_kernel")]
+    files += sorted(sources().glob("*.sv"))
+    wrapper = HW / "test" / "controlled_kernel.cpp"
+    version = subprocess.run(["verilator", "--version"], capture_output=True, text=True, check=True).stdout
+    root = subprocess.run(["verilator", "--getenv", "VERILATOR_ROOT"], check=True, capture_output=True, text=True)
 
     def build(kernel: Kernel) -> Controlled:
-        if kernel.name not in made:
-            place = tmp_path_factory.mktemp(kernel.name)
-            files = [HW / "control" / f"{name}.sv" for name in ("register_map", "chosen_kernel", "controlled_kernel")]
-            files += sorted(sources().glob("*.sv"))
-            subprocess.run(
-                ["verilator", "--cc", "-O3", "--noassert", "-Wno-fatal", "-Wno-WIDTH", "--top-module",
-                 "controlled_kernel", f"-GNUMBER={kernel.number}", *map(str, files)],
-                cwd=place, check=True, capture_output=True,
-            )  # fmt: skip
-            objects = ["Vcontrolled_kernel__ALL.a", "verilated.o", "verilated_threads.o"]
-            options = ["OPT_FAST=-O1 -fPIC", "OPT_SLOW=-fPIC", "OPT_GLOBAL=-O1 -fPIC"]
-            make = ["make", "-s", "-f", "Vcontrolled_kernel.mk", *options, *objects]
-            subprocess.run(make, cwd=place / "obj_dir", check=True, capture_output=True)
-            told = ["verilator", "--getenv", "VERILATOR_ROOT"]
-            root = subprocess.run(told, check=True, capture_output=True, text=True).stdout.strip()
-            link = ["g++", "-shared", "-fPIC", "-O1", "-std=c++17", "-Iobj_dir", f"-I{root}/include"]
-            link += [f"-I{root}/include/vltstd", str(HW / "test" / "controlled_kernel.cpp")]
-            link += [*(f"obj_dir/{name}" for name in objects), "-o", "kernel.so", "-lpthread"]
-            subprocess.run(link, cwd=place, check=True, capture_output=True)
-            made[kernel.name] = place / "kernel.so"
-        return Controlled(made[kernel.name], kernel)
+        translate = [
+            "verilator", "--cc", "-O3", "--noassert", "-Wno-fatal", "-Wno-WIDTH", "--top-module", "controlled_kernel",
+            f"-GNUMBER={kernel.number}", *map(str, files),
+        ]  # fmt: skip
+        objects = ["Vcontrolled_kernel__ALL.a", "verilated.o", "verilated_threads.o"]
+        options = ["OPT_FAST=-O1 -fPIC", "OPT_SLOW=-fPIC", "OPT_GLOBAL=-O1 -fPIC"]
+        compile_parts = ["make", "-s", "-f", "Vcontrolled_kernel.mk", *options, *objects]
+        include = root.stdout.strip() + "/include"
+        link = ["g++", "-shared", "-fPIC", "-O1", "-std=c++17", "-Iobj_dir", f"-I{include}", f"-I{include}/vltstd"]
+        link += [str(wrapper), *(f"obj_dir/{name}" for name in objects), "-o", "kernel.so", "-lpthread"]
+
+        def make(place: Path) -> Path:
+            for command, folder in ((translate, place), (compile_parts, place / "obj_dir"), (link, place)):
+                subprocess.run(command, cwd=folder, check=True, capture_output=True)
+            return place / "kernel.so"
+
+        texts = [file.read_text(encoding="utf-8") for file in (*files, wrapper)]
+        content = [version, str(kernel.number), *objects, *options, *texts]
+        return Controlled(kept(f"registers-{kernel.name}", content, make), kernel)
 
     return build
 

@@ -329,10 +329,8 @@ def test_a_state_that_no_car_can_have_is_told(vehicle: Vehicle, library: ctypes.
     assert is_valid()
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize(
-    "drive", exam_except(["double lane change", "double lane change, tyres that lag", "RAV4"], "double lane change")
-)
+@pytest.mark.exam
+@pytest.mark.parametrize("drive", ["double lane change", "double lane change, tyres that lag", "RAV4"])
 def test_on_a_recording_it_computes_what_the_one_in_python_does(drive: str, vehicle: Vehicle, tmp_path: Path) -> None:
     bag = DATA / "comma2k19_rav4" if drive == "RAV4" else ROOT / "bags/double_lane_change"
     if not bag.exists():

@@ -78,6 +78,7 @@ def test_a_unit_is_valid_and_has_the_bits_of_the_c_export_and_the_estimates_of_p
     assert found.python < 1e-9
 
 
+@pytest.mark.exam
 def test_a_unit_of_scalars_has_the_same_bits(vehicle: Vehicle, drive: Recording, tmp_path: Path) -> None:
     path = tmp_path / "scalars.fmu"
     fmu.write(vehicle, path, 3, scalars=True, optimised=QUICK)
@@ -87,7 +88,10 @@ def test_a_unit_of_scalars_has_the_same_bits(vehicle: Vehicle, drive: Recording,
 
 @pytest.mark.parametrize(
     ("name", "file", "begins"),
-    [("aarch64-linux", "aarch64-linux/{}.so", b"\x7fELF"), ("x86_64-windows", "x86_64-windows/{}.dll", b"MZ")],
+    exam_except(
+        [("aarch64-linux", "aarch64-linux/{}.so", b"\x7fELF"), ("x86_64-windows", "x86_64-windows/{}.dll", b"MZ")],
+        ("x86_64-windows", "x86_64-windows/{}.dll", b"MZ"),
+    ),
 )
 def test_a_unit_has_a_binary_for_each_machine_that_was_named(
     vehicle: Vehicle, tmp_path: Path, name: str, file: str, begins: bytes

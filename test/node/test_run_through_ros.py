@@ -16,7 +16,6 @@ import pytest
 
 pytest.importorskip("rclpy", reason="ROS 2 (rclpy) is not installed here")
 
-from marks import exam_except
 from vsense_ros.bag import read_bag, write_bag
 from vsense_ros.bag.gnss_bytes import gnss_byte_stream
 from vsense_ros.driver import samples
@@ -205,7 +204,8 @@ def test_a_bag_as_fast_as_can_be_gives_what_the_observer_gives_without_ros(tmp_p
         np.testing.assert_allclose(through.columns[field][here], alone.columns[field][there], atol=1e-9)
 
 
-@pytest.mark.parametrize("name", exam_except(["inertial", "yaw_kkf"], "inertial"))
+@pytest.mark.exam
+@pytest.mark.parametrize("name", ["inertial", "yaw_kkf"])
 def test_a_gnss_ins_filter_in_the_node_gives_what_it_gives_without_ros(tmp_path: Path, name: str) -> None:
     """It publishes what it estimates, and nothing else."""
     drive = straight_drive()
@@ -222,6 +222,7 @@ def test_a_gnss_ins_filter_in_the_node_gives_what_it_gives_without_ros(tmp_path:
         np.testing.assert_allclose(here.columns[field][i], there.columns[field][j], atol=1e-9)
 
 
+@pytest.mark.exam
 def test_the_observer_says_in_its_diagnostics_what_of_its_model_no_longer_fits(tmp_path: Path) -> None:
     write_bag(tmp_path / "drive", straight_drive())
     wide, elsewhere = (Range(unit="N", low=x - 1e6, high=x + 1e6, margin=1.5) for x in (0.0, 1e7))

@@ -161,8 +161,8 @@ def test_watching_changes_nothing_of_the_estimate() -> None:
 def test_limits_are_made_and_used_by_a_command(tmp_path: Path) -> None:
     save_vehicle(tmp_path / "car.yaml", prototype())
     for seed in (0, 1):
-        write_bag(tmp_path / f"normal_{seed}", driven("slalom", seed))
-    write_bag(tmp_path / "dragging", driven("slalom", 21, drag=80.0))
+        write_bag(tmp_path / f"normal_{seed}", driven("slalom", seed, duration=24.0))
+    write_bag(tmp_path / "dragging", driven("slalom", 21, duration=24.0, drag=80.0))
     bags = [str(tmp_path / f"normal_{seed}") for seed in (0, 1)]
     of_car = ["--vehicle", str(tmp_path / "car.yaml")]
     made = CliRunner().invoke(main, ["monitor", *bags, *of_car, "--calibrate", str(tmp_path / "limits.yaml")])

@@ -112,7 +112,8 @@ def test_a_wrong_word_of_a_part_is_found_and_the_processor_computes_it(part: str
     assert client.counts["implausible"] > 0
 
 
-@pytest.mark.parametrize("parts", [pytest.param(("suspension_motion",), marks=pytest.mark.exam), PARTS])
+@pytest.mark.exam
+@pytest.mark.parametrize("parts", [("suspension_motion",), PARTS])
 def test_forces_with_parts_from_the_accelerator_are_those_of_the_processor(
     turn_in: Recording, alone: Recording, parts: tuple[str, ...]
 ) -> None:

@@ -117,6 +117,7 @@ def garage(plant: Vehicle) -> Recording:
     return record(drive, plant, 5, name="garage", biased=False)
 
 
+@pytest.mark.exam
 def test_a_garage_ramp_of_a_fifth_is_climbed(vehicle: Vehicle, garage: Recording) -> None:
     observer = Runner(vehicle, garage.map_origin)
     pitches: list[float] = []

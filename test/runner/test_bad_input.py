@@ -69,7 +69,7 @@ def assert_good(course: Course, after: float = 8.0) -> None:
 
 
 @pytest.mark.parametrize("value", exam_except([NAN, INFINITE, -INFINITE, HUGE], NAN))
-@pytest.mark.parametrize("topic", exam_except(SENSORS.values(), IMU, VELOCITY))
+@pytest.mark.parametrize("topic", exam_except(SENSORS.values(), VELOCITY))
 def test_numbers_that_are_none_are_refused_and_the_sensor_named(
     topic: str, value: float, observer: Runner, clean: Runner, lane_change: Recording, between
 ) -> None:
@@ -114,7 +114,7 @@ def test_a_variance_that_is_no_number_leaves_its_component_out_each_time() -> No
         np.testing.assert_allclose(event.variance, [2.0, 1.0])
 
 
-@pytest.mark.parametrize("value", exam_except([NAN, INFINITE, HUGE, -1.0, 0.0, 1e-30], NAN, 1e-30))
+@pytest.mark.parametrize("value", exam_except([NAN, INFINITE, HUGE, -1.0, 0.0, 1e-30], 1e-30))
 def test_a_covariance_that_cannot_be_true_does_no_harm(
     value: float, observer: Runner, lane_change: Recording, between
 ) -> None:
@@ -184,7 +184,7 @@ def test_a_problem_from_before_the_clock_of_arrivals_was_set_back_is_an_old_one(
 
 
 @pytest.mark.parametrize("jump", exam_except([-3600.0, -10.0, -1.0, 1.0, 10.0, 3600.0], -1.0))
-@pytest.mark.parametrize("topic", exam_except(SENSORS.values(), IMU, FIX))
+@pytest.mark.parametrize("topic", exam_except(SENSORS.values(), IMU))
 def test_one_stray_stamp_is_refused_and_nothing_else(
     topic: str, jump: float, observer: Runner, clean: Runner, lane_change: Recording
 ) -> None:
@@ -203,7 +203,7 @@ def test_one_stray_stamp_is_refused_and_nothing_else(
 
 
 @pytest.mark.parametrize("jump", exam_except([-3600.0, 3600.0], 3600.0))
-@pytest.mark.parametrize("topic", exam_except(SENSORS.values(), WHEELS, VELOCITY))
+@pytest.mark.parametrize("topic", exam_except(SENSORS.values(), VELOCITY))
 def test_a_clock_that_went_elsewhere_for_good_loses_its_sensor_alone(
     topic: str, jump: float, observer: Runner, lane_change: Recording, between
 ) -> None:
@@ -215,7 +215,7 @@ def test_a_clock_that_went_elsewhere_for_good_loses_its_sensor_alone(
     assert all(np.isfinite(course.largest(5.0)))
 
 
-@pytest.mark.parametrize("jump", [-3600.0, 3600.0])
+@pytest.mark.parametrize("jump", exam_except([-3600.0, 3600.0], -3600.0))
 def test_when_all_clocks_jump_the_observer_follows(
     jump: float, observer: Runner, clean: Runner, lane_change: Recording
 ) -> None:
@@ -291,8 +291,8 @@ def test_joints_of_other_names_are_refused(observer: Runner, lane_change: Record
     assert_good(course)
 
 
-@pytest.mark.parametrize("away", [-7.0, 7.0, 3600.0])
-@pytest.mark.parametrize("topic", [IMU, WHEELS, STEERING, FIX])
+@pytest.mark.parametrize("away", exam_except([-7.0, 7.0, 3600.0], -7.0, 3600.0))
+@pytest.mark.parametrize("topic", exam_except([IMU, WHEELS, STEERING, FIX], IMU, FIX))
 def test_a_wrong_stamp_before_the_start_does_not_change_the_start(
     topic: str, away: float, vehicle: Vehicle, lane_change: Recording
 ) -> None:
@@ -321,7 +321,6 @@ def telling(field: str, value: float) -> Callable[[Sample], Sample]:
             (VELOCITY, "linear", 1e3),
         ],
         (WHEELS, "velocity", 1e6),
-        (IMU, "angular_velocity", 1e3),
     ),
 )
 def test_first_messages_that_no_car_could_send_are_refused(
@@ -335,7 +334,10 @@ def test_first_messages_that_no_car_could_send_are_refused(
     assert_good(course, 3.0)
 
 
-@pytest.mark.parametrize(("topic", "field", "value"), [(WHEELS, "velocity", 300.0), (VELOCITY, "linear", -30.0)])
+@pytest.mark.parametrize(
+    ("topic", "field", "value"),
+    exam_except([(WHEELS, "velocity", 300.0), (VELOCITY, "linear", -30.0)], (VELOCITY, "linear", -30.0)),
+)
 def test_it_does_not_start_while_wheels_and_gnss_contradict_each_other(
     topic: str, field: str, value: float, observer: Runner, lane_change: Recording, between
 ) -> None:
@@ -385,6 +387,7 @@ def corrupted(sample: Sample, how: str, amount: float) -> Sample:
 MIXED_IN = st.lists(st.tuples(st.integers(0, 1800), CORRUPTION), max_size=120)
 
 
+@pytest.mark.exam
 @settings(max_examples=5, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
 @given(mixed_in=MIXED_IN)
 def test_rubbish_between_good_messages_changes_next_to_nothing(

@@ -51,7 +51,7 @@ def yaw_error(found: Run, recording: Recording, after: float = 0.0) -> np.ndarra
     return wrap(mine.value[late, 0] - truth[late]) / mine.deviation[late]
 
 
-@pytest.mark.parametrize("heading", exam_except([0.0, 90.0, 180.0, 270.0, 179.0], 90.0, 179.0))
+@pytest.mark.parametrize("heading", exam_except([0.0, 90.0, 180.0, 270.0, 179.0], 179.0))
 def test_a_course_across_north_south_and_180_degrees_is_an_angle_like_any_other(car: Vehicle, heading: float) -> None:
     drive = SineDrive(25.0, np.radians(heading)).recording()
     found = run(drive, car, "dual_kkf")

@@ -79,7 +79,7 @@ BLIND = [(ALL, 1.0, False), (ALL, 1.0, True), (ALL, 3.0, True)]
 CASES = [
     *FAST,
     *(
-        pytest.param(topics, length, stamped_late, marks=pytest.mark.slow)
+        pytest.param(topics, length, stamped_late, marks=pytest.mark.exam)
         for topics in (ALL, CAN, (IMU,))
         for length in (0.3, 1.0, 3.0)
         for stamped_late in (False, True)

@@ -112,6 +112,7 @@ def test_a_full_car_that_cannot_roll_is_the_bicycle_in_small_turns() -> None:
     assert 1.0 < rolling["side_slip"] < 2.0
 
 
+@pytest.mark.exam
 def test_the_bode_plots_are_drawn(tmp_path: Path) -> None:
     for path in leung_models_picture.frequency_responses(tmp_path):
         assert path.read_bytes().startswith(b"\x89PNG")

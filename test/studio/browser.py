@@ -66,19 +66,36 @@ def served(project: Path, *files: object) -> Iterator[Address]:
 
 
 @contextmanager
-def opened(width: int = 1400, height: int = 900) -> Iterator[Any]:
-    """A page of the browser whose errors are collected in `page.errors`."""
+def browsing() -> Iterator[Any]:
+    """The browser, which starts within a second or two: for several pages one after the other."""
     sync_api = pytest.importorskip("playwright.sync_api", reason="playwright is not installed")
     with sync_api.sync_playwright() as playwright:
         browser = playwright.chromium.launch(executable_path=chromium(), args=["--no-sandbox"])
-        page = browser.new_context(viewport={"width": width, "height": height}).new_page()
-        page.set_default_timeout(PATIENCE)
-        page.errors = []
-        page.on("pageerror", lambda error: page.errors.append(str(error)))
         try:
-            yield page
+            yield browser
         finally:
             browser.close()
+
+
+@contextmanager
+def page_of(browser: Any, width: int = 1400, height: int = 900) -> Iterator[Any]:
+    """A page with cookies and storage of its own, whose errors are collected in `page.errors`."""
+    context = browser.new_context(viewport={"width": width, "height": height})
+    page = context.new_page()
+    page.set_default_timeout(PATIENCE)
+    page.errors = []
+    page.on("pageerror", lambda error: page.errors.append(str(error)))
+    try:
+        yield page
+    finally:
+        context.close()
+
+
+@contextmanager
+def opened(width: int = 1400, height: int = 900) -> Iterator[Any]:
+    """A page of a browser of its own, as `page_of` has it."""
+    with browsing() as browser, page_of(browser, width, height) as page:
+        yield page
 
 
 def go(page: Any, stage: str) -> None:

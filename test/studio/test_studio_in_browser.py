@@ -7,7 +7,7 @@ from typing import Any
 
 import pytest
 
-from studio.browser import ROOT, boards_are_drawn, go, opened, run, served
+from studio.browser import ROOT, boards_are_drawn, browsing, go, page_of, run, served
 
 BAG = ROOT / "bags" / "double_lane_change"
 CAR = ROOT / "config" / "vehicles" / "prototype_model.yaml"
@@ -20,8 +20,14 @@ def address(tmp_path_factory: pytest.TempPathFactory) -> Any:
         yield found
 
 
-def test_a_recording_is_read_checked_and_estimated_by_clicks(address: str) -> None:
-    with opened() as page:
+@pytest.fixture(scope="module")
+def browser() -> Any:
+    with browsing() as started:
+        yield started
+
+
+def test_a_recording_is_read_checked_and_estimated_by_clicks(address: str, browser: Any) -> None:
+    with page_of(browser) as page:
         page.goto(address)
         page.get_by_text("Figures beside those of real cars").wait_for()
         go(page, "data")
@@ -36,8 +42,8 @@ def test_a_recording_is_read_checked_and_estimated_by_clicks(address: str) -> No
         assert not page.errors
 
 
-def test_keys_move_the_cursor_and_zoom_and_values_are_shown(address: str) -> None:
-    with opened() as page:
+def test_keys_move_the_cursor_and_zoom_and_values_are_shown(address: str, browser: Any) -> None:
+    with page_of(browser) as page:
         page.goto(address)
         go(page, "data")
         boards_are_drawn(page)
@@ -55,8 +61,8 @@ def test_keys_move_the_cursor_and_zoom_and_values_are_shown(address: str) -> Non
         assert page.evaluate("VSense.link('main').window[0]") == 0
 
 
-def test_a_reload_in_the_middle_of_a_job_shows_the_same_stage_and_then_its_result(address: str) -> None:
-    with opened() as page:
+def test_a_reload_in_the_middle_of_a_job_shows_the_same_stage_and_then_its_result(address: str, browser: Any) -> None:
+    with page_of(browser) as page:
         page.goto(address)
         go(page, "estimate")
         page.get_by_role("checkbox", name="velocity").click()
@@ -67,8 +73,8 @@ def test_a_reload_in_the_middle_of_a_job_shows_the_same_stage_and_then_its_resul
         assert page.locator("button[data-stage=estimate][aria-current=page]").count() == 1
 
 
-def test_a_car_is_identified_and_used_by_clicks(address: str) -> None:
-    with opened() as page:
+def test_a_car_is_identified_and_used_by_clicks(address: str, browser: Any) -> None:
+    with page_of(browser) as page:
         page.goto(address)
         go(page, "identify")
         if page.get_by_text("Run Check first").count():
@@ -85,8 +91,8 @@ def test_a_car_is_identified_and_used_by_clicks(address: str) -> None:
 
 
 @pytest.mark.exam
-def test_two_tabs_show_the_same_project(address: str) -> None:
-    with opened() as page:
+def test_two_tabs_show_the_same_project(address: str, browser: Any) -> None:
+    with page_of(browser) as page:
         page.goto(address)
         second = page.context.new_page()
         second.goto(address.partition("?")[0])
@@ -98,29 +104,29 @@ def test_two_tabs_show_the_same_project(address: str) -> None:
         page.get_by_role("checkbox", name="held out").first.click()
 
 
-@pytest.mark.parametrize("stage", ["car", "data", "check", "estimate", "identify", "explain", "compare", "live"])
-def test_no_stage_is_wider_than_a_phone(address: str, stage: str) -> None:
-    with opened(width=400) as page:
+def test_no_stage_is_wider_than_a_phone(address: str, browser: Any) -> None:
+    with page_of(browser, width=400) as page:
         page.goto(address)
-        go(page, stage)
-        page.locator("main h1").wait_for()
-        assert page.evaluate("document.documentElement.scrollWidth") <= 400
+        for stage in ("car", "data", "check", "estimate", "identify", "explain", "compare", "live"):
+            go(page, stage)
+            page.locator("main h1").wait_for()
+            assert page.evaluate("document.documentElement.scrollWidth") <= 400, stage
 
 
-def test_a_wrong_token_and_another_origin_get_a_sentence(address: str) -> None:
-    with opened() as page:
+def test_a_wrong_token_and_another_origin_get_a_sentence(address: str, browser: Any) -> None:
+    with page_of(browser) as page:
         answer = page.goto(address.partition("token=")[0] + "token=wrong")
         assert answer.status == 403
         assert "token" in page.inner_text("body")
 
 
 @pytest.mark.exam
-def test_results_of_a_killed_workbench_are_there_when_it_starts_again(tmp_path: Path) -> None:
-    with served(tmp_path, BAG, CAR) as first, opened() as page:
+def test_results_of_a_killed_workbench_are_there_when_it_starts_again(tmp_path: Path, browser: Any) -> None:
+    with served(tmp_path, BAG, CAR) as first, page_of(browser) as page:
         page.goto(first)
         go(page, "check")
         run(page, "Run check", "nothing looks wrong")
-    with served(tmp_path) as again, opened() as page:
+    with served(tmp_path) as again, page_of(browser) as page:
         page.goto(again)
         go(page, "check")
         page.get_by_text("nothing looks wrong").first.wait_for()
