@@ -30,31 +30,21 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
-from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from vsense_ros.estimation.filter import Innovation
 from vsense_ros.estimation.timeline import Channel, Event, Timeline
-from vsense_ros.runner.adapter import Adapter, Widening
+from vsense_ros.runner.adapter import Adapter
 from vsense_ros.runner.axes import Axes, Out
+from vsense_ros.runner.recount import Recount
 from vsense_ros.runner.sums import SHORT, WINDOWS
-from vsense_ros.runner.vote_settings import STEERING, VOTE
+from vsense_ros.runner.vote_settings import VOTE
 
 Array = NDArray[np.float64]
 
 FROZEN = "is frozen"
-
-
-class Ballot(NamedTuple):
-    """A vote of the others without some axes of a sensor: `gain` is Δ, `disagreement` the mean of the squares of the
-    whitened innovations of that sensor which agrees least."""
-
-    gain: float
-    disagreement: float
-    axes: Axes
-    left: list[int]
 
 
 class Vote:
@@ -331,10 +321,10 @@ class Vote:
         if now - since > VOTE.urgent:
             self._pause = min(2 * self._pause, VOTE.last_pause)
         self._voted = now
-        everybody = self._scores(timeline, since, None)
-        if everybody is None:
+        recount = self._recount(timeline, since)
+        if recount.everybody is None:
             return
-        ballots = self._ballots(timeline, since, everybody)
+        ballots = recount.ballots(self.confirmed)
         if not ballots:
             return
         best = max(ballots, key=lambda one: one.gain)
@@ -344,7 +334,7 @@ class Vote:
         if best.gain < suspect or best.disagreement > VOTE.disagree:
             return
         self._pause = VOTE.first_pause
-        if best.gain < enough or self._steering_explains(timeline, since, everybody, best):
+        if best.gain < enough or recount.steering_explains(best):
             return
         self._alarm = None
         # Who is nearly as suspect as the worst may be the one: to do without both costs little, to believe one much.
@@ -355,19 +345,6 @@ class Vote:
         self._loud.clear()
         for others in self.axes.values():
             others.sums.clear()
-
-    def _ballots(self, timeline: Timeline, since: int, everybody: dict[int, Array]) -> list[Ballot]:
-        """The votes of the others without each axis that may be wrong; `everybody` are the scores with all."""
-        ballots: list[Ballot] = []
-        for axes in self.axes.values():
-            within = [a for a in axes.present if a not in axes.out and (axes.index, a) not in self.confirmed]
-            if not within:
-                continue
-            loud = axes.sums.far()[SHORT, : len(axes.words)].max() > VOTE.own
-            if not loud and self._without(timeline, since, everybody, axes, within).gain < VOTE.worth_a_vote:
-                continue
-            ballots += [self._without(timeline, since, everybody, axes, [a]) for a in within]
-        return ballots
 
     def _undo(self, timeline: Timeline, since: int, axes: Axes, axis: int, value: float | None = None) -> None:
         """Go on from a time as if an axis had not said anything, or not this value."""
@@ -393,96 +370,15 @@ class Vote:
                     event.without(list(judged.out))
         self.forget(self._begun)
 
-    def _without(
-        self, timeline: Timeline, since: int, everybody: dict[int, Array], axes: Axes, left: list[int]
-    ) -> Ballot:
-        """Let the others vote without some axes of a sensor."""
-        without = self._scores(timeline, since, (axes.index, left))
-        if without is None:
-            return Ballot(-np.inf, np.inf, axes, left)
-        gain, disagreement = 0.0, 0.0
-        for index, score in everybody.items():
-            if index in self._no_vote:
-                continue
-            pair = np.array([score, without[index]])
-            if index == axes.index:
-                pair = np.delete(pair, left, axis=2)
-            gain += float((pair[0, 0] - pair[1, 0]).sum())
-            _, squares, count = pair[1].sum(axis=1).tolist()
-            disagreement = max(disagreement, squares / max(count, 1.0))
-        return Ballot(gain, disagreement, axes, left)
-
     def _jump_of_steering(self, timeline: Timeline, since: int) -> bool:
         """True if axes seem to have jumped because the steering angle has."""
         if self._adapter.steering_error is None:
             return False
-        everybody = self._scores(timeline, since, None)
-        if everybody is None:
+        recount = self._recount(timeline, since)
+        if recount.everybody is None:
             return False
         axes, axis = self._jumped[0]
-        return self._steering_explains(
-            timeline, since, everybody, self._without(timeline, since, everybody, axes, [axis])
-        )
+        return recount.steering_explains(recount.without(axes, [axis]))
 
-    def _steering_explains(self, timeline: Timeline, since: int, everybody: dict[int, Array], best: Ballot) -> bool:
-        """True if a wrong steering angle explains what all have measured, the axis that seems wrong included, better
-        than that axis does. Then nobody is left out: the direct witnesses will see the steering."""
-        error = self._adapter.steering_error
-        if error is None:
-            return False
-        free = self._scores(timeline, since, None, free=error)
-        if free is None:
-            return False
-        gain = sum(float((score[0] - free[i][0]).sum()) for i, score in everybody.items() if i not in self._no_vote)
-        _, squares, count = everybody[best.axes.index][:, best.left].sum(axis=1).tolist()
-        return gain > best.gain + max(squares - count, 0.0)
-
-    def _scores(
-        self, timeline: Timeline, since: int, without: tuple[int, list[int]] | None, free: int | None = None
-    ) -> dict[int, Array] | None:
-        """Scores of each sensor (3, m): Σ (w² + 2 ln d), Σ w² and number of each component since a time, as if some
-        axes of one sensor had not been there; or as if the steering had not been, whose error is the element `free` of
-        the state."""
-        scores: dict[int, Array] = {}
-        widened = since
-
-        def act(event: Event) -> None:
-            nonlocal widened
-            channel = timeline.channels[event.sensor]
-            if free is not None and event.stamp - widened >= STEERING.period:
-                self._adapter.widen(Widening(free, STEERING.density * (event.stamp - widened) * 1e-9))
-                widened = event.stamp
-            if channel.by_hand:
-                self._by_hand(event)
-                return
-            if channel.first_input is not None:
-                if free is None or "steering" not in self._adapter.measures(event.sensor):
-                    self._adapter.give(channel, event)
-                return
-            axes = self.axes.get(event.sensor)
-            if without is not None and event.sensor == without[0]:
-                event = replace(event, value=event.value.copy())
-                event.value[without[1]] = np.nan
-            if axes is None:
-                found = self._adapter.correct(channel, event)
-            else:
-                found = self._adapter.correct_inertial(channel, event, axes.gate)
-            score = scores.setdefault(event.sensor, np.zeros((3, len(found.whitened))))
-            if axes is None or not found.nis > axes.gate:
-                _score(score, found)
-                return
-            for _, alone in self._adapter.correct_by_axis(channel, event, axes.gate):
-                _score(score, alone)
-
-        return scores if timeline.again(since, act) else None
-
-
-def _score(score: Array, found: Innovation) -> None:
-    if found.nis < 0:
-        return
-    whitened, deviation = found.whitened, found.factor.diagonal()
-    there = whitened == whitened
-    squares = np.minimum(whitened[there] ** 2, VOTE.largest_square)
-    score[0, there] += squares + 2 * np.log(np.maximum(deviation[there], 1e-9))
-    score[1, there] += squares
-    score[2, there] += 1.0
+    def _recount(self, timeline: Timeline, since: int) -> Recount:
+        return Recount(timeline, since, self._adapter, self.axes, self._no_vote, self._by_hand)

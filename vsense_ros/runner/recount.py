@@ -1,0 +1,153 @@
+"""A recount: what was measured since a time, filtered again with and without axes of an inertial sensor.
+
+`runner.vote` has the test that it serves, and its sources.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Collection, Mapping
+from dataclasses import replace
+from functools import cached_property
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from vsense_ros.estimation.filter import Innovation
+from vsense_ros.estimation.timeline import Event, Timeline
+from vsense_ros.runner.adapter import Adapter, Widening
+from vsense_ros.runner.axes import Axes
+from vsense_ros.runner.sums import SHORT
+from vsense_ros.runner.vote_settings import STEERING, VOTE
+
+Array = NDArray[np.float64]
+Scores = dict[int, Array]  # by sensor (3, m): Σ (w² + 2 ln d), Σ w² and number of each component
+
+
+class Ballot(NamedTuple):
+    """A vote of the others without some axes of a sensor: `gain` is Δ, `disagreement` the mean of the squares of the
+    whitened innovations of that sensor which agrees least."""
+
+    gain: float
+    disagreement: float
+    axes: Axes
+    left: list[int]
+
+
+class Recount:
+    """The votes of all sensors by what they have measured since a time [ns]; those in `without_vote` have none.
+
+    `axes` are those of the inertial sensors; `by_hand` lets an event act on the filter that is no measurement.
+    """
+
+    def __init__(
+        self,
+        timeline: Timeline,
+        since: int,
+        adapter: Adapter,
+        axes: Mapping[int, Axes],
+        without_vote: Collection[int],
+        by_hand: Callable[[Event], None],
+    ) -> None:
+        self._timeline, self._since = timeline, since
+        self._adapter, self._axes, self._without_vote, self._by_hand = adapter, axes, without_vote, by_hand
+
+    @cached_property
+    def everybody(self) -> Scores | None:
+        """The scores with all axes and sensors; None if the filter can not go back to that time."""
+        return self._scores(None)
+
+    def ballots(self, confirmed: Collection[tuple[int, int]]) -> list[Ballot]:
+        """The votes of the others without each axis that may be wrong: none that is out or that a direct witness has
+        confirmed, by sensor and axis."""
+        ballots: list[Ballot] = []
+        for axes in self._axes.values():
+            within = [a for a in axes.present if a not in axes.out and (axes.index, a) not in confirmed]
+            if not within:
+                continue
+            loud = axes.sums.far()[SHORT, : len(axes.words)].max() > VOTE.own
+            if not loud and self.without(axes, within).gain < VOTE.worth_a_vote:
+                continue
+            ballots += [self.without(axes, [a]) for a in within]
+        return ballots
+
+    def without(self, axes: Axes, left: list[int]) -> Ballot:
+        """Let the others vote without some axes of a sensor."""
+        everybody = self.everybody
+        without = None if everybody is None else self._scores((axes.index, left))
+        if everybody is None or without is None:
+            return Ballot(-np.inf, np.inf, axes, left)
+        gain, disagreement = 0.0, 0.0
+        for index, score in everybody.items():
+            if index in self._without_vote:
+                continue
+            pair = np.array([score, without[index]])
+            if index == axes.index:
+                pair = np.delete(pair, left, axis=2)
+            gain += float((pair[0, 0] - pair[1, 0]).sum())
+            _, squares, count = pair[1].sum(axis=1).tolist()
+            disagreement = max(disagreement, squares / max(count, 1.0))
+        return Ballot(gain, disagreement, axes, left)
+
+    def steering_explains(self, best: Ballot) -> bool:
+        """True if a wrong steering angle explains what all have measured, the axis that seems wrong included, better
+        than that axis does. Then nobody is left out: the direct witnesses will see the steering."""
+        error, everybody = self._adapter.steering_error, self.everybody
+        if error is None or everybody is None:
+            return False
+        free = self._scores(None, free=error)
+        if free is None:
+            return False
+        gain = sum(
+            float((score[0] - free[i][0]).sum()) for i, score in everybody.items() if i not in self._without_vote
+        )
+        _, squares, count = everybody[best.axes.index][:, best.left].sum(axis=1).tolist()
+        return gain > best.gain + max(squares - count, 0.0)
+
+    def _scores(self, without: tuple[int, list[int]] | None, free: int | None = None) -> Scores | None:
+        """The scores as if some axes of one sensor had not been there; or as if the steering had not been, whose error
+        is the element `free` of the state."""
+        scores: Scores = {}
+        timeline, widened = self._timeline, self._since
+
+        def act(event: Event) -> None:
+            nonlocal widened
+            channel = timeline.channels[event.sensor]
+            if free is not None and event.stamp - widened >= STEERING.period:
+                self._adapter.widen(Widening(free, STEERING.density * (event.stamp - widened) * 1e-9))
+                widened = event.stamp
+            if channel.by_hand:
+                self._by_hand(event)
+                return
+            if channel.first_input is not None:
+                if free is None or "steering" not in self._adapter.measures(event.sensor):
+                    self._adapter.give(channel, event)
+                return
+            axes = self._axes.get(event.sensor)
+            if without is not None and event.sensor == without[0]:
+                event = replace(event, value=event.value.copy())
+                event.value[without[1]] = np.nan
+            if axes is None:
+                found = self._adapter.correct(channel, event)
+            else:
+                found = self._adapter.correct_inertial(channel, event, axes.gate)
+            score = scores.setdefault(event.sensor, np.zeros((3, len(found.whitened))))
+            if axes is None or not found.nis > axes.gate:
+                _score(score, found)
+                return
+            for _, alone in self._adapter.correct_by_axis(channel, event, axes.gate):
+                _score(score, alone)
+
+        return scores if timeline.again(self._since, act) else None
+
+
+def _score(score: Array, found: Innovation) -> None:
+    """Add the innovation of a measurement to the scores (3, m) of its sensor, if it measured anything."""
+    if found.nis < 0:
+        return
+    whitened, deviation = found.whitened, found.factor.diagonal()
+    there = whitened == whitened
+    squares = np.minimum(whitened[there] ** 2, VOTE.largest_square)
+    score[0, there] += squares + 2 * np.log(np.maximum(deviation[there], 1e-9))
+    score[1, there] += squares
+    score[2, there] += 1.0
