@@ -28,13 +28,13 @@ from builtin_interfaces.msg import Time
 from pydantic import Field
 from rclpy.parameter import Parameter
 from rosgraph_msgs.msg import Clock
-from std_msgs.msg import Header
 from std_srvs.srv import Trigger
 
 from vsense_ros.errors import InputError
 from vsense_ros.messages.diagnostic import Diagnostic, Level
 from vsense_ros.node import rosbag2
-from vsense_ros.node.base import LISTENING_TOPIC, PROGRESS_TOPIC, QUESTIONS, SensingNode, run_node
+from vsense_ros.node.base import SensingNode, run_node
+from vsense_ros.node.consumers import Consumers
 from vsense_ros.node.parameters import parameter
 from vsense_ros.node.reader import LOSSLESS
 from vsense_ros.node.replay_sources import NANO, ReplaySources, SourceParameters, check_overlap
@@ -84,24 +84,19 @@ class Replay(SensingNode[ReplayParameters]):
     _thread: threading.Thread | None = None
     _sources: ReplaySources | None = None
     _clock_output: Any = None
-    _progress_reader: Any = None
-    _listening_reader: Any = None
-    _asking: Any = None  # the timer
+    _consumers: Consumers
     _servers: tuple[Any, ...] = ()
 
     def configure(self) -> None:
         p = self.parameters
         self._condition = threading.Condition()
-        self._ended = self._begun = False
+        self._ended = False
         self._finished = False
         self._paused = p.paused
         self._position = 0  # of the next message
         self._single = 0  # messages to send although it is paused
         self._seek: int | None = None
         self._moved = True  # the relation of recorded and wall time is to be fixed anew
-        self._progress: dict[str, int] = {}
-        self._listening: set[str] = set()  # consumers that get all that is published
-        self._questions: dict[str, Any] = {}  # publishers by topic
         self._not_taken: dict[str, int] = {}
         self._now = self._published = 0
         self._lead = round(p.lead * NANO * p.rate)
@@ -129,8 +124,7 @@ class Replay(SensingNode[ReplayParameters]):
         self._items = [sources.items[i] for i in order]
         if p.clock:
             self._clock_output = self.create_publisher(Clock, "/clock", LOSSLESS)
-        self._progress_reader = self.create_subscription(Header, PROGRESS_TOPIC, self._on_progress, LOSSLESS)
-        self._listening_reader = self.create_subscription(Header, LISTENING_TOPIC, self._on_listening, LOSSLESS)
+        self._consumers = Consumers(self, self._condition)
         self._servers = (
             self.create_service(Trigger, "~/restart", self._on_restart),
             rosbag2.offer(self, "pause", "Pause", lambda: self._pause(True)),
@@ -146,10 +140,9 @@ class Replay(SensingNode[ReplayParameters]):
         )
 
     def start(self) -> None:
-        self._ended = self._begun = False
+        self._ended = False
         self._moved = True
-        self._listening.clear()
-        self._asking = self.create_steady_timer(SETTINGS.look_every, self._ask)
+        self._consumers.ask(SETTINGS.look_every)
         self._thread = threading.Thread(target=self._guarded_run, name="replay", daemon=True)
         self._thread.start()
 
@@ -160,7 +153,7 @@ class Replay(SensingNode[ReplayParameters]):
                 self._condition.notify_all()
             self._thread.join()
             self._thread = None
-        self._ask_no_more()
+            self._consumers.ask_no_more()
 
     def release(self) -> None:
         self.stop()
@@ -170,11 +163,10 @@ class Replay(SensingNode[ReplayParameters]):
             self.destroy_service(server)
         if self._clock_output is not None:
             self.destroy_publisher(self._clock_output)
-        if self._progress_reader is not None:
-            self.destroy_subscription(self._progress_reader)
-            self.destroy_subscription(self._listening_reader)
+        if self._servers:  # which are made after the readers of what consumers answer
+            self._consumers.close()
         self._servers = ()
-        self._clock_output = self._progress_reader = self._listening_reader = None
+        self._clock_output = None
 
     # The thread that sends
 
@@ -192,7 +184,7 @@ class Replay(SensingNode[ReplayParameters]):
         self._now = first - self._lead
         if not self._wait_for_the_others():
             return
-        self._begun = True
+        self._consumers.complete()
         self.get_logger().info("begins")
         tick = self._now
         self._position = reported = 0
@@ -231,7 +223,7 @@ class Replay(SensingNode[ReplayParameters]):
         self._position = int(np.searchsorted(self._times, moment))
         self._seek = None
         self._now = moment
-        self._progress.clear()
+        self._consumers.forget_progress()
         self._moved = True
         self._finished = False
         return moment
@@ -284,7 +276,7 @@ class Replay(SensingNode[ReplayParameters]):
 
     def _wait_for_consumers(self, moment: int) -> bool:
         with self._condition:
-            while self._progress and min(self._progress.values()) < moment:
+            while self._consumers.behind(moment):
                 if self._paused or self._ended or self._seek is not None:
                     return False
                 if not self._condition.wait(SETTINGS.send_again):
@@ -310,8 +302,7 @@ class Replay(SensingNode[ReplayParameters]):
                 self._publish_clock(self._now)
                 clock_due = time.monotonic() + SETTINGS.look_every
             with self._condition:
-                listening = len(self._progress.keys() & self._listening)
-                expected = max(consumers, len(self._progress))
+                listening, expected = self._consumers.listening(consumers)
                 if listening < expected:
                     missing.append(f"{expected - listening} of {expected} consumers")
                 if self._ended:
@@ -333,45 +324,14 @@ class Replay(SensingNode[ReplayParameters]):
             self._publish_clock(moment)
             deadline = time.monotonic() + self.parameters.wait
             with self._condition:
-                while self._progress and min(self._progress.values()) < moment and not self._ended:
+                while (behind := self._consumers.behind(moment)) and not self._ended:
                     if time.monotonic() > deadline:
-                        behind = [name for name, done in self._progress.items() if done < moment]
                         self.get_logger().warning(f"{', '.join(behind)} did not finish in {self.parameters.wait:g} s")
                         return
                     if not self._condition.wait(SETTINGS.send_again):
                         self._publish_clock(moment)
 
     # What comes from outside
-
-    def _ask(self) -> None:
-        """Ask all consumers that can be asked whether they listen, until all of them do or the wait is over."""
-        if self._begun:
-            self._ask_no_more()
-            return
-        questions = self.resolve_topic_name(QUESTIONS)
-        for topic, _ in self.get_topic_names_and_types():
-            if topic.startswith(f"{questions}/") and topic not in self._questions:
-                self._questions[topic] = self.create_publisher(Header, topic, LOSSLESS)
-        for publisher in self._questions.values():
-            publisher.publish(Header())
-
-    def _ask_no_more(self) -> None:
-        if self._asking is not None:
-            self.destroy_timer(self._asking)
-        self._asking = None
-        for publisher in self._questions.values():
-            self.destroy_publisher(publisher)
-        self._questions.clear()
-
-    def _on_listening(self, message: Header) -> None:
-        with self._condition:
-            self._listening.add(message.frame_id)
-            self._condition.notify_all()
-
-    def _on_progress(self, message: Header) -> None:
-        with self._condition:
-            self._progress[message.frame_id] = message.stamp.sec * NANO + message.stamp.nanosec
-            self._condition.notify_all()
 
     def _pause(self, paused: bool) -> None:
         with self._condition:
