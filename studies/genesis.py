@@ -17,14 +17,14 @@ from typing import Any
 import numpy as np
 
 from studies.coverage import Compared, within
+from studies.heading_transient import HeadingTransient, transient_of, without_transient
+from studies.side_slip_fit import SideSlipFit, fit_side_slip
 from vsense_ros.bag.importers import genesis
 from vsense_ros.evaluate import baselines
-from vsense_ros.evaluate.heading_transient import HeadingTransient, transient_of, without_transient
 from vsense_ros.evaluate.metrics import SignalScore, compare
 from vsense_ros.evaluate.reference import at_reference
 from vsense_ros.identification.free_parameter import FreeParameter, added, multiplied
 from vsense_ros.identification.progress import Progress, part
-from vsense_ros.identification.side_slip import SideSlipFit, fit_side_slip
 from vsense_ros.messages.recording import Recording
 from vsense_ros.mismatch.observed import fitted_place
 from vsense_ros.model.vehicle import Reference, Vehicle

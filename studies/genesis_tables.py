@@ -9,9 +9,9 @@ from rich.console import Console
 
 from studies.coverage import coverage_table
 from studies.genesis import FREE_PARAMETERS, IDENTIFIED_FROM, Examination
+from studies.side_slip_fit import SideSlipFit
 from vsense_ros.evaluate.terminal import plain_table
 from vsense_ros.identification.parameter_set import of_vehicle
-from vsense_ros.identification.side_slip import SideSlipFit
 from vsense_ros.model.vehicle import Vehicle
 
 

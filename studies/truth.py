@@ -19,6 +19,7 @@ from rich.console import Console
 from studies import navigation_consistency, road
 from studies.coverage import Compared, coverage_table
 from studies.genesis import EXAMINED_ON, IDENTIFIED_FROM
+from studies.heading_transient import HeadingTransient, transient_of
 from studies.navigation_consistency import GENESIS, RECORDED, Drive
 from studies.tasks import Task, pool
 from vsense_ros.assess import fault_rows
@@ -27,7 +28,6 @@ from vsense_ros.bag.importers import genesis, import_recording
 from vsense_ros.errors import InputError
 from vsense_ros.evaluate import baselines
 from vsense_ros.evaluate.balance import balance
-from vsense_ros.evaluate.heading_transient import HeadingTransient, transient_of
 from vsense_ros.evaluate.metrics import lag
 from vsense_ros.evaluate.reference import at_reference
 from vsense_ros.evaluate.signals import SIGNALS, Series, find_channel, make_series, read_signals

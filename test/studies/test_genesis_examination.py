@@ -5,11 +5,11 @@ from pathlib import Path
 import pytest
 
 from studies import genesis as job
+from studies.side_slip_fit import SideSlipFit
 from vsense_ros.bag import datasets
 from vsense_ros.files.installed import vehicle_path
 from vsense_ros.files.vehicle import load_vehicle
 from vsense_ros.identification.parameter_set import of_vehicle, with_values
-from vsense_ros.identification.side_slip import SideSlipFit
 
 EXTENDED = Path(__file__).parents[2] / "docs/examples/genesis/vehicle.extended.yaml"
 

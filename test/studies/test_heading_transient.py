@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from synthetic_drives import odometry, recording
-from vsense_ros.evaluate.heading_transient import HeadingTransient, fit_transient, without_transient
+from evaluate.synthetic_drives import odometry, recording
+from studies.heading_transient import HeadingTransient, fit_transient, without_transient
 from vsense_ros.evaluate.signals import SIGNALS, Series, read_signals
 from vsense_ros.messages.recording import Recording
 

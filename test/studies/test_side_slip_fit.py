@@ -6,16 +6,16 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from studies import side_slip_fit
+from studies.side_slip_fit import SideSlipResiduals, fit_side_slip, side_slip_error
 from vsense_ros.bag import read_bag
 from vsense_ros.errors import InputError
 from vsense_ros.files.installed import shared_folder, vehicle_path
 from vsense_ros.files.vehicle import load_vehicle
-from vsense_ros.identification import side_slip
 from vsense_ros.identification.free_parameter import FreeParameter, added, multiplied, with_offsets
 from vsense_ros.identification.identification import identify
 from vsense_ros.identification.least_squares import DivergedError, cost
 from vsense_ros.identification.parameter_set import of_vehicle, with_values
-from vsense_ros.identification.side_slip import SideSlipResiduals, fit_side_slip, side_slip_error
 from vsense_ros.messages.recording import Recording
 from vsense_ros.model.vehicle import Vehicle
 
@@ -86,7 +86,7 @@ def test_a_recording_without_reference_cannot_be_fitted_to(car: Vehicle, drive: 
 
 def test_fitted_numbers_have_the_digits_that_mean_something(car: Vehicle):
     turned = with_offsets(of_vehicle(car), [GAIN], [0.0123456])
-    gain = with_values(car, turned, side_slip.SIDE_SLIP.digits).sensors["steering"].gain
+    gain = with_values(car, turned, side_slip_fit.SIDE_SLIP.digits).sensors["steering"].gain
     assert gain == float(f"{gain:.4g}") != car.sensors["steering"].gain
 
 
