@@ -9,7 +9,7 @@ from std_msgs.msg import Header
 
 from vsense_ros.node.base import LISTENING_TOPIC, PROGRESS_TOPIC, QUESTIONS, SensingNode
 from vsense_ros.node.reader import LOSSLESS
-from vsense_ros.node.replay_sources import NANO
+from vsense_ros.node.rosbag2 import nanoseconds
 
 
 class Consumers:
@@ -85,5 +85,5 @@ class Consumers:
 
     def _on_progress(self, message: Header) -> None:
         with self._changed:
-            self._processed[message.frame_id] = message.stamp.sec * NANO + message.stamp.nanosec
+            self._processed[message.frame_id] = nanoseconds(message.stamp)
             self._changed.notify_all()
