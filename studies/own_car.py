@@ -15,7 +15,7 @@ import subprocess
 import sys
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -38,7 +38,7 @@ from vsense_ros.files.vehicle import load_vehicle
 from vsense_ros.messages.recording import Recording
 from vsense_ros.model.constants import GRAVITY
 from vsense_ros.model.coordinates import WHEELS
-from vsense_ros.model.vehicle import Reference
+from vsense_ros.model.vehicle import Reference, Vehicle
 
 Array = NDArray[np.float64]
 Figures = Mapping[str, float | None]
@@ -78,7 +78,9 @@ class Truth:
 @dataclass(frozen=True)
 class Car:
     """A car with the options of `new-vehicle` that its catalogue fills, drives to learn from, and one held out with its
-    truth. `radius` [m] is what its control unit takes a wheel for; `log` is None where recordings are bags already."""
+    truth. `radius` [m] is what its control unit takes a wheel for; `log` is None where recordings are bags already.
+    `reference` is where the system that measured the truth sits, its x ahead of the rear axle [m]; None where the truth
+    is that of the centre of gravity."""
 
     name: str
     catalogue: Mapping[str, str | float]
@@ -87,7 +89,7 @@ class Car:
     truth: Truth
     log: LogFormat | None = None
     radius: float = 0.0
-    reference: Reference = field(default_factory=Reference)
+    reference: Reference | None = None
     warm_up: float = SETTINGS.warm_up
 
 
@@ -129,7 +131,7 @@ def genesis() -> Car:
         "mass": 2100.0, "wheelbase": 3.01, "track": 1.62, "track-rear": 1.65, "axle-load-front": 1090.0,
         "tyre": "245/45R18 100", "driven": "rear", "height": 1.48, "like": "saloon",
     }  # fmt: skip
-    reference = load_vehicle(vehicle_path("genesis")).reference
+    reference = _from_rear_axle(load_vehicle(vehicle_path("genesis")))
     return Car("Genesis", values, (slow, fast), third, _reference_of(third), reference=reference,
                warm_up=SETTINGS.warm_up_genesis)  # fmt: skip
 
@@ -142,8 +144,25 @@ def rav4() -> Car:
         "height": 1.70,
     }  # fmt: skip
     first, second = whole.between(None, SETTINGS.half_rav4), whole.between(SETTINGS.half_rav4, None)
-    reference = load_vehicle(vehicle_path("rav4")).reference
+    reference = _from_rear_axle(load_vehicle(vehicle_path("rav4")))
     return Car("RAV4", values, (first,), second, _reference_of(second), reference=reference)
+
+
+def _from_rear_axle(vehicle: Vehicle) -> Reference:
+    """Where the reference system of a vehicle file sits, ahead of the rear axle: the file counts from its centre of
+    gravity, which other files of the car have elsewhere."""
+    ahead, left, up = vehicle.reference.position
+    position = (ahead + vehicle.physics.chassis.cog_to_rear_axle, left, up)
+    return vehicle.reference.model_copy(update={"position": position})
+
+
+def _with_reference(vehicle: Vehicle, reference: Reference | None) -> Vehicle:
+    """A vehicle with the reference system at its place ahead of the rear axle."""
+    if reference is None:
+        return vehicle.model_copy(update={"reference": Reference()})
+    ahead, left, up = reference.position
+    position = (ahead - vehicle.physics.chassis.cog_to_rear_axle, left, up)
+    return vehicle.model_copy(update={"reference": reference.model_copy(update={"position": position})})
 
 
 def _reference_of(recording: Recording) -> Truth:
@@ -273,7 +292,7 @@ def figures(car: Car, terminal: Terminal, file: str, held_out: str) -> dict[str,
     [deg/s], vertical forces [% of the mean load of a wheel]; None where the truth is not known."""
     out = re.sub(r"\W", "_", file)
     terminal.vsense("run", held_out, "--vehicle", file, "--out", out)
-    vehicle = load_vehicle(terminal.folder / file).model_copy(update={"reference": car.reference})
+    vehicle = _with_reference(load_vehicle(terminal.folder / file), car.reference)
     output = read_signals(at_reference(read(terminal.folder / out / "output"), vehicle), "vsense")
     truth = car.truth
     # A table counts from its first row: both begin with the first message of the inertial sensor.

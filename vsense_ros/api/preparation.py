@@ -93,10 +93,13 @@ def calibrate(recordings: Sources, vehicle: str | Path | Vehicle) -> Calibration
         vehicle: the car as far as it is known; the standard deviations in its file are the priors.
 
     `vehicle` of the result has what the drives determine; the rest keeps its values, and `advice` says what to drive
-    for it. Raises `InputError` for drives without a GNSS velocity or a yaw rate, or that are too short.
+    for it. The observer predicts the course in stretches whose GNSS it does not hear, with the file before and after:
+    what makes that worse is `refused`, and not in the vehicle.
+
+    Raises `InputError` for drives without a GNSS velocity or a yaw rate, or that are too short.
     """
     (drives,) = read_all(recordings)
-    return calibration.calibrate(drives, load_vehicle(vehicle))
+    return calibration.calibrate_and_judge(drives, load_vehicle(vehicle))
 
 
 def write_calibration(found: Calibration, target: str | Path, source: str | Path | None = None) -> None:

@@ -21,6 +21,7 @@ from vsense_ros.identification.identified import Identification, Product, advice
 from vsense_ros.identification.information import Information, information, refusals, weigh
 from vsense_ros.identification.likelihood import Likelihood
 from vsense_ros.identification.open_loop import OpenLoop
+from vsense_ros.identification.prediction import judged
 from vsense_ros.identification.progress import Progress, part
 from vsense_ros.identification.recorded import Signals
 from vsense_ros.identification.rinsing import Drive, Identifier, Noise, Schedule, rinse
@@ -100,6 +101,9 @@ def identify(
 ) -> Identification:
     """Identify the parameters of a handling model.
 
+    The observer predicts the course in silences of the receiver with the vehicle before and after, on the recordings
+    held out if there are any. These courses were not fitted. If it predicts worse, the vehicle stays as it was.
+
     Raises `InputError` where the recordings cannot determine anything, or the free parameters are none of the model.
     """
     found = [recorded.signals(one, vehicle) for one in recordings]
@@ -155,7 +159,9 @@ def identify(
         raise InputError(f"the parameters that were found make no car: {error}") from None
     others = recorded.drives([recorded.signals(r, vehicle) for r in held_out], model)
     every = [*drives, *map(whole.drive, others)]
-    made = replace(made, vehicle=changed, fits=fits(made, whole, every))
+    verdict = judged(held_out or recordings, vehicle, changed)
+    kept = vehicle if verdict is not None and verdict.is_worse else changed
+    made = replace(made, vehicle=kept, verdict=verdict, fits=fits(made, whole, every))
     made = _with_side_slip(made, whole, [*recordings, *held_out], every)
     if progress is not None:
         progress(1.0)

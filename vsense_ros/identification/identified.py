@@ -11,6 +11,7 @@ from rich.text import Text
 from vsense_ros.evaluate.printable import Printable
 from vsense_ros.evaluate.terminal import plain_table
 from vsense_ros.identification.information import Information, Refusal
+from vsense_ros.identification.prediction import Comparison
 from vsense_ros.identification.rinsing import Drive, Rinsed
 from vsense_ros.model.handling import best_4dof
 from vsense_ros.model.vehicle import Vehicle
@@ -73,6 +74,12 @@ class Identification(Printable):
     ]  # by recording and output: 1 - RMS/σ of the model alone, before, after
     side_slip: dict[str, float]  # RMSE of the model alone [rad], of recordings with a reference
     held_out: tuple[str, ...]
+    verdict: Comparison | None = None  # of the observer's prediction with both files, None where it was not judged
+
+    @property
+    def is_kept(self) -> bool:
+        """True if the vehicle stays as it was, because the observer predicts worse with the identified parameters."""
+        return self.verdict is not None and self.verdict.is_worse
 
     @property
     def title(self) -> str:
@@ -133,7 +140,12 @@ class Identification(Printable):
     def sentences(self) -> list[str]:
         """Parameters that are not determined, why, and what would help; those that can hardly be separated."""
         by_product = {f"{product.axle}_stiffness": product for product in self.products if product.is_determined}
-        lines = []
+        lines = [] if self.verdict is None else [self.verdict.sentence]
+        if self.is_kept:
+            lines.append(
+                "The observer predicts worse with the identified parameters than with those of the vehicle file, which "
+                "therefore keeps its values. The model may miss what these drives do, or sensors err."
+            )
         for refusal in self.refused:
             outcome, alone = f"It stays {self.start[refusal.name]:.4g}", ""
             if (product := by_product.get(refusal.name)) is not None:

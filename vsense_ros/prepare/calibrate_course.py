@@ -21,7 +21,7 @@ from vsense_ros.model.handling.base import slopes, static_loads
 from vsense_ros.model.sensors import Imu, Steering, WheelSpeeds
 from vsense_ros.model.sensors.gnss import Antenna, Receiver
 from vsense_ros.model.vehicle import Vehicle
-from vsense_ros.prepare.calibrated import Calibrated, Change
+from vsense_ros.prepare.calibrated import Calibrated, Change, together
 from vsense_ros.prepare.calibration_drive import CALIBRATION, CalibrationDrive
 
 Array = NDArray[np.float64]
@@ -67,7 +67,7 @@ def course(drives: Sequence[CalibrationDrive], car: Vehicle) -> Iterator[Calibra
     prior = np.array(
         [max(imu[1].rate_bias, 1e-4), _LATENCY, max(stated, default=_PLACE), relative_compliance(car, "rear") * slip]
     )
-    found = posterior(blocks, mean, prior)
+    found = together(posterior(blocks, mean, prior))  # latency, place and slip all turn the course in bends
     yield _gyro(imu[0], bias, found)
     yield _latency(car, imu[0], found)
     yield _antenna(places, car, place, found)

@@ -18,12 +18,16 @@ from vsense_ros.model.sensors import Imu
 from vsense_ros.model.vehicle import Vehicle
 from vsense_ros.prepare.calibrate_course import compliance, relative_compliance
 from vsense_ros.prepare.calibrated import Calibrated, Change
-from vsense_ros.prepare.calibration_drive import CalibrationDrive
+from vsense_ros.prepare.calibration_drive import CALIBRATION, CalibrationDrive
 
 Array = NDArray[np.float64]
 
 _TILT = 0.1  # [rad] that a sensor may lean, standard deviation
-_MEAN_SLOPE = 0.015  # [rad] of the mean slope of the roads of a drive, standard deviation
+_CROSSFALL = 0.02  # [rad] by which roads fall to the side on average, and do on both ways (AASHTO 2018: 1.5 to 2 %)
+_GRADE = 0.03  # [rad] of the grade at one place, standard deviation, as observer.surroundings.grade
+_GRADE_LENGTH = 1000.0  # [m] along which a grade lasts: over longer drives its mean vanishes
+# [-] of a turn that a gyro across reads, standard deviation: data sheets say ±2 % (InvenSense MPU-6050, Bosch BMI160)
+_CROSS_AXIS = 0.012
 _ARM = 0.5  # [m] that the place of the sensor may be off, standard deviation
 _ROLLING = 0.1  # [-] of a lateral acceleration that a rolling or pitching body adds to it, standard deviation
 _LEANING = 0.02  # [rad s²/m] of a body that rolls or pitches, standard deviation
@@ -44,9 +48,9 @@ def inertial(drives: Sequence[CalibrationDrive], car: Vehicle) -> Iterator[Calib
     whole = any(np.isfinite(drive.forces[:, 2]).any() for drive in drives)
     yaw = _joined((-left.values[2], left.deviations[2]), (forward.values[2], forward.deviations[2]))
     tilts, offsets = [], []
-    for k, (post, sign) in enumerate(((left, 1.0), (forward, -1.0))):
+    for k, (post, sign, slope) in enumerate(((left, 1.0, _CROSSFALL), (forward, -1.0, _mean_grade(drives)))):
         by_gyro = _tilt_by_gyro(drives, k, left) if whole else None
-        tilt, offset = _tilt_and_offset(post, sign * GRAVITY, by_gyro, imu.force_bias, whole)
+        tilt, offset = _tilt_and_offset(post, sign * GRAVITY, slope, by_gyro, imu.force_bias, whole)
         tilts.append(tilt)
         offsets.append(offset)
     if whole:
@@ -85,10 +89,17 @@ def _forward(drives: Sequence[CalibrationDrive], imu: Imu) -> Posterior | None:
     return posterior(blocks, np.array([0.0, 1.0, 0.0, -imu.position[0]]), prior) if blocks else None
 
 
+def _mean_grade(drives: Sequence[CalibrationDrive]) -> float:
+    """Standard deviation of the mean grade of drives [rad], by how far they go."""
+    distance = sum(float(np.nansum(np.where(drive.driving, drive.speed, 0.0))) for drive in drives) * CALIBRATION.step
+    return float(_GRADE * np.sqrt(_GRADE_LENGTH / (_GRADE_LENGTH + distance)))
+
+
 def _tilt_by_gyro(drives: Sequence[CalibrationDrive], axis: int, left: Posterior) -> tuple[float, float] | None:
     """Roll (axis 0) or pitch (1) of the mounting by what the gyro across reads of turns, with its deviation [rad].
 
-    The body leans in a turn as well, in proportion to the lateral force, of which `left` says by how much.
+    The body leans in a turn as well, in proportion to the lateral force, of which `left` says by how much. A gyro that
+    is not exactly across reads a share of the turn, too, which no drive can distinguish from a tilt.
     """
     other, sign = (1, 1.0) if axis == 0 else (0, -1.0)
     leaning = (left.values[1] - 1) / GRAVITY if axis == 0 else 0.0
@@ -102,19 +113,20 @@ def _tilt_by_gyro(drives: Sequence[CalibrationDrive], axis: int, left: Posterior
         return None
     prior = np.array([_TILT, _GYRO_BIAS, _LEANING, max(left.deviations[1] / GRAVITY, 1e-4)])
     found = posterior(blocks, np.array([0.0, 0.0, 0.0, leaning]), prior)
-    return sign * float(found.values[0]), float(found.deviations[0])
+    return sign * float(found.values[0]), float(np.hypot(found.deviations[0], _CROSS_AXIS))
 
 
 def _tilt_and_offset(
-    force: Posterior, gain: float, by_gyro: tuple[float, float] | None, bias: float, whole: bool
+    force: Posterior, gain: float, slope: float, by_gyro: tuple[float, float] | None, bias: float, whole: bool
 ) -> tuple[tuple[float, float], tuple[float, float]]:
-    """Tilt [rad] and offset [m/s²], each with its deviation, of the mean force = gain tilt + offset, given the tilt by
-    the gyro. Without all axes the tilt cannot be taken off, and all of it is offset."""
+    """Tilt [rad] and offset [m/s²], each with its deviation, of the mean force = gain (tilt + slope) + offset, given
+    the tilt by the gyro and the standard deviation of the roads' mean `slope` [rad]. Without all axes the tilt cannot
+    be taken off, and all of it is offset."""
     mean, deviation = float(force.values[0]), float(force.deviations[0])
     if not whole:
-        return (0.0, 0.0), (mean, float(np.hypot(deviation, GRAVITY * _MEAN_SLOPE)))
+        return (0.0, 0.0), (mean, float(np.hypot(deviation, GRAVITY * slope)))
     design = np.array([[gain, 1.0]])
-    weight = 1 / (deviation**2 + (GRAVITY * _MEAN_SLOPE) ** 2)
+    weight = 1 / (deviation**2 + (GRAVITY * slope) ** 2)
     information = design.T @ design * weight + np.diag([1 / _TILT**2, 1 / bias**2])
     right = design[0] * mean * weight
     if by_gyro is not None:

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -11,6 +11,7 @@ import numpy as np
 from vsense_ros.errors import InputError
 from vsense_ros.evaluate.printable import Printable
 from vsense_ros.evaluate.terminal import plain_table
+from vsense_ros.identification.prediction import Comparison, compare, predict
 from vsense_ros.messages.recording import Recording
 from vsense_ros.model.vehicle import Vehicle
 from vsense_ros.prepare.calibrate_course import course
@@ -26,18 +27,31 @@ if TYPE_CHECKING:
 
 Estimator = Callable[[Sequence[CalibrationDrive], Vehicle], Iterable[Calibrated]]
 
-# Each begins with what those before it have changed: what a turn does needs the gyro's bias and the latencies.
-ESTIMATORS: tuple[Estimator, ...] = (radii, course, steering, inertial, noise_levels)
+# By what they estimate. Each begins with what those before it have changed: what a turn does needs the gyro's bias and
+# the latencies.
+ESTIMATORS: Mapping[str, Estimator] = {
+    "rolling radii": radii,
+    "yaw rate, latency, antenna and rear tyres": course,
+    "steering and front tyres": steering,
+    "mounting and offsets of the inertial sensor": inertial,
+    "noise": noise_levels,
+}
 
 
 @dataclass(frozen=True, repr=False)
 class Calibration(Printable):
-    """A vehicle before and after, every quantity that was looked at, and sentences about sensors that are missing."""
+    """A vehicle before and after, every quantity that was looked at, and sentences about sensors that are missing.
+
+    `verdict` compares how well the observer predicts with both files, where that was judged (`calibrate_and_judge`);
+    `refused` are parts of the calibration with which it predicts worse, and which therefore are not in the file.
+    """
 
     before: Vehicle
     vehicle: Vehicle
     quantities: tuple[Calibrated, ...]
     missing: tuple[str, ...] = ()
+    verdict: Comparison | None = None
+    refused: tuple[str, ...] = ()
 
     @property
     def title(self) -> str:
@@ -53,10 +67,19 @@ class Calibration(Printable):
             after, words = (f"{one.after:.4g}", "") if one.is_changed else (f"({one.after:.4g})", stays)
             table.add_row(one.name, f"{one.before:.4g}", after, f"{one.deviation:.2g}", one.unit, words)
         out.print(table)
-        for sentence in self.missing:
+        for sentence in (*self.missing, *self.judgement):
             out.print(sentence)
         for advice in self.advice:
             out.print(f"To drive next: {advice}.")
+
+    @property
+    def judgement(self) -> tuple[str, ...]:
+        """What the prediction says of the new file, and what was refused because of it, a sentence each."""
+        refused = tuple(
+            f"Refused: {name}. With it the observer predicts the course worse than without; the file keeps its values."
+            for name in self.refused
+        )
+        return refused if self.verdict is None else (self.verdict.sentence, *refused)
 
     @property
     def paths(self) -> tuple[str, ...]:
@@ -69,7 +92,9 @@ class Calibration(Printable):
         return tuple(dict.fromkeys(one.drive_next for one in self.quantities if not one.determined and one.drive_next))
 
 
-def calibrate(recordings: Sequence[Recording], vehicle: Vehicle) -> Calibration:
+def calibrate(
+    recordings: Sequence[Recording], vehicle: Vehicle, estimators: Mapping[str, Estimator] = ESTIMATORS
+) -> Calibration:
     """Calibrate a vehicle by ordinary drives. References in the recordings are not looked at.
 
     Raises `InputError` for recordings without a GNSS velocity or a yaw rate, that are too short, or in which the car
@@ -79,12 +104,41 @@ def calibrate(recordings: Sequence[Recording], vehicle: Vehicle) -> Calibration:
     drives = [drive_of(recording, car) for recording in recordings]
     _check_that_it_drives(drives)
     missing = _missing(drives)
-    source = "calibrated by " + ", ".join(recording.name for recording in recordings)
-    for estimator in ESTIMATORS:
+    for estimator in estimators.values():
         made = list(estimator([drive_of(recording, car) for recording in recordings], car))
-        car = apply(car, made, source)
+        car = apply(car, made, _source(recordings))
         found += made
     return Calibration(vehicle, car, tuple(found), missing)
+
+
+def calibrate_and_judge(recordings: Sequence[Recording], vehicle: Vehicle) -> Calibration:
+    """Calibrate a vehicle as `calibrate` does, and keep only what lets the observer predict no worse than before.
+
+    The observer predicts the course in silences of the receiver (`identification/prediction.py`) with the file before
+    and the file after. If it predicts worse, the parts of the calibration are tried one by one, and those with which it
+    predicts worse are left out. Raises `InputError` as `calibrate` does.
+    """
+    found = calibrate(recordings, vehicle)
+    before = predict(recordings, vehicle)
+    verdict = compare(before, predict(recordings, found.vehicle))
+    if not verdict.is_worse:
+        return replace(found, verdict=verdict)
+    kept: dict[str, Estimator] = {}
+    refused, best = [], before
+    for name, estimator in ESTIMATORS.items():
+        tried = calibrate(recordings, vehicle, {**kept, name: estimator})
+        predicted = predict(recordings, tried.vehicle)
+        if compare(best, predicted).is_worse:
+            refused.append(name)
+        else:
+            kept[name], best = estimator, predicted
+    found = calibrate(recordings, vehicle, kept)
+    return replace(found, verdict=compare(before, best), refused=tuple(refused))
+
+
+def _source(recordings: Sequence[Recording]) -> str:
+    """What the vehicle file says of where a calibrated number comes from."""
+    return "calibrated by " + ", ".join(recording.name for recording in recordings)
 
 
 def _check_that_it_drives(drives: Sequence[CalibrationDrive]) -> None:

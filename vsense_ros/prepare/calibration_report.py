@@ -17,5 +17,7 @@ def as_dict(found: Calibration) -> dict[str, Any]:
             for one in found.quantities
         ],
         "missing": list(found.missing),
+        "prediction": None if found.verdict is None else found.verdict.as_dict(),
+        "refused": list(found.refused),
         "drive_next": list(found.advice),
     }  # fmt: skip
