@@ -10,6 +10,7 @@ import numpy as np
 from vsense_ros.model.constants import GRAVITY
 from vsense_ros.model.handling.best_4dof import TYRE, roll_axis_height
 from vsense_ros.model.schema.physics import Axle
+from vsense_ros.model.schema.uncertainty import Uncertainty
 from vsense_ros.model.simulation.closed_loop import rolling_radii
 from vsense_ros.model.tyres import TyreInput
 from vsense_ros.model.tyres.similarity import Similarity
@@ -160,3 +161,13 @@ def changes(vehicle: Vehicle, values: Mapping[str, float], determined: Iterable[
             if "steering_delay" in determined:
                 sensor["latency"] += values["steering_delay"]
     return Vehicle.model_validate(data)
+
+
+def with_uncertainty(vehicle: Vehicle, deviations: Mapping[str, float], source: str) -> Vehicle:
+    """The vehicle whose section `uncertainty` has these standard deviations, by dotted path, and their source."""
+    stated = {
+        path: Uncertainty(deviation=float(f"{deviation:.2g}"), source=source)
+        for path, deviation in deviations.items()
+        if deviation > 0
+    }
+    return vehicle.model_copy(update={"uncertainty": {**vehicle.uncertainty, **stated}})

@@ -157,6 +157,8 @@ def identify(
         changed = handling_values.changes(vehicle, made.values, {*made.determined, "steering_gain", "steering_delay"})
     except ValueError as error:
         raise InputError(f"the parameters that were found make no car: {error}") from None
+    source = "identified by " + ", ".join(drive.name for drive in drives)
+    changed = handling_values.with_uncertainty(changed, made.file_deviations, source)
     others = recorded.drives([recorded.signals(r, vehicle) for r in held_out], model)
     every = [*drives, *map(whole.drive, others)]
     verdict = judged(held_out or recordings, vehicle, changed)

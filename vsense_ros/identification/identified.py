@@ -137,6 +137,23 @@ class Identification(Printable):
         products = [f"{product.axle}_stiffness" for product in self.products if product.is_determined]
         return tuple(dict.fromkeys([*(name for name in self.free if name not in refused), *products]))
 
+    @property
+    def file_deviations(self) -> dict[str, float]:
+        """Standard deviations of the numbers of the vehicle file that are identified, by dotted path. The cornering
+        stiffness and the largest force of an axle stand in its tyre, so those of its scales are relative [-]."""
+        known = {name: self.found.deviations[self.found.names.index(name)] for name in self.free}
+        found = {
+            f"physics.chassis.{name}": float(known[name])
+            for name in ("cog_height", "yaw_inertia")
+            if name in self.determined
+        }
+        for product in self.products:
+            if product.is_determined:
+                found[f"physics.{product.axle}.cornering_scale"] = product.deviation / product.value
+            if (peak := f"{product.axle}_peak") in self.determined:
+                found[f"physics.{product.axle}.grip_scale"] = float(known[peak]) / self.values[peak]
+        return found
+
     def sentences(self) -> list[str]:
         """Parameters that are not determined, why, and what would help; those that can hardly be separated."""
         by_product = {f"{product.axle}_stiffness": product for product in self.products if product.is_determined}
