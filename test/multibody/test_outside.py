@@ -66,6 +66,7 @@ def test_bodies_from_the_accelerator_are_those_of_the_model_in_single_precision(
     assert np.abs(found.u - expected.u).max() < 1e-5 * np.abs(expected.u).max()
 
 
+@pytest.mark.exam
 def test_an_accelerator_of_the_full_car_may_fail() -> None:
     transport = Direct(Device("mock", faults=Faults(drop=0.05, nan=0.05, silent_error=0.05), seed=4))
     client = Client(transport)

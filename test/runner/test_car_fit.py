@@ -139,7 +139,7 @@ def test_a_lap_of_another_car_is_said_to_be_one() -> None:
     assert "vehicle file" not in headline(lap, "genesis_identified")
 
 
-@pytest.mark.slow
+@pytest.mark.exam
 def test_the_antenna_of_the_other_site_is_said_to_sit_at_the_rear_axle() -> None:
     text = headline(genesis_drive("genesis_other_site", "rfs_lk_test_vg.mat"), "genesis_identified")
     assert "says: GNSS antenna ahead of the rear axle -0." in text
