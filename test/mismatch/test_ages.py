@@ -81,3 +81,8 @@ def test_an_inertial_sensor_that_is_late_by_a_second_is_named_with_its_age():
     assert named.parameters[0].value == pytest.approx(1.1, abs=0.1)
     assert found.extended is not None
     assert found.extended.physics.effects.sensor_delay.imu == pytest.approx(1.1, abs=0.1)
+
+
+def test_a_gyro_is_late_where_it_is_behind_the_course_by_more_than_a_front_can_lead():
+    late = driven(having(prototype(), sensor_delay={"gyro": 0.25}), "sweep", duration=30.0)
+    assert ages(build_dataset([late], prototype()), prototype()) == {"gyro": pytest.approx(0.25, abs=0.1)}

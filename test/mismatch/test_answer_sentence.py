@@ -6,6 +6,7 @@ from synthetic_findings import effect, finding
 from vsense_ros.mismatch.answer_sentence import conditions, sentence
 from vsense_ros.mismatch.beforehand import delays
 from vsense_ros.mismatch.tables import effect_rows
+from vsense_ros.mismatch.words import badge_of
 
 LEFT_OUT = "in lap 2 the longitudinal acceleration is 0.42 times the change of the speed; is its unit wrong?"
 
@@ -35,3 +36,24 @@ def test_where_held_out_recordings_have_no_trace_of_an_effect_that_is_said_in_pl
     assert "falls by 29 %, and by 27 % where it was left out of the fit" in said
     assert "; recordings it was not fitted to have no trace of it" in said
     assert "by 0 %" not in said
+
+
+def test_a_wrong_sign_and_coarse_steps_are_said_where_nothing_else_is_to_find():
+    sign = "what mends obd: imu/data: the lateral acceleration is against speed times yaw rate: left is −y"
+    steps = "obd, imu/data: angular_velocity.z has steps of 0.0223, which is coarse"
+    found = finding("no_mismatch", recording_defects=(sign, steps))
+    assert "there is nothing else to find here" in sentence(found)
+    assert badge_of(found).badge == "Only the recordings are wrong"
+    assert conditions(found, (), []) == f" In the recordings themselves: {sign}; {steps}."
+
+
+def test_a_defect_for_which_a_signal_was_left_out_is_said_once():
+    sign = "what mends obd: imu/data: the lateral acceleration is against speed times yaw rate: left is −y"
+    left_out = "in obd, imu/data: the lateral acceleration is against speed times yaw rate"
+    said = conditions(finding("no_mismatch", recording_defects=(sign,)), (), [left_out])
+    assert said == f" Left out of the comparison: {left_out}."
+
+
+def test_of_many_defects_the_sentence_says_how_many_more_there_are():
+    said = conditions(finding("unknown", recording_defects=[f"steps in {i}" for i in range(8)]), (), [])
+    assert said.endswith("steps in 2; and 5 more, which the remarks list.")

@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 
 from vsense_ros.checks.aligned import means_around
 from vsense_ros.checks.blame import who_is_wrong
-from vsense_ros.checks.lags import LONG_LAGS, match
+from vsense_ros.checks.lags import LONG_LAGS, Match, match
 from vsense_ros.mismatch.windows import WINDOWS, Dataset, Readings, Window
 from vsense_ros.model.effects import EVERY
 from vsense_ros.model.effects.base import bounds
@@ -37,6 +37,10 @@ class LagSearchSettings:
     step: float = 0.05  # [s] between the values that are compared
     span: float = 0.3  # [s] of the means
     least_lag: float = 0.3  # [s] of a lag; a smaller one is left to the fit, and cars take as long to respond
+    # [s] of a gyro behind the course, beyond the time of a wheelbase: so far a front may lead, and nothing responds
+    least_rigid_lag: float = 0.1
+    least_explained: float = 2.0  # [-] unexplained variance without that lag, over that with it
+    rigid_clearance: float = 0.02  # [-] as `clearance`, of that lag
     agreement: float = 0.25  # [s] within which recordings, and groups of a sensor, are equally late
     least_correlation: float = 0.7  # [-] of two measurements of one motion, at the best lag
     correlation_gain: float = 0.15  # [-] by which that correlation exceeds the one without a lag
@@ -62,7 +66,7 @@ def ages(dataset: Dataset, vehicle: Vehicle) -> dict[str, float]:
     result = {}
     for source, field in FIELDS.items():
         lags = [one[source] for one in found if source in one]
-        if lags and max(map(abs, lags)) >= LAG_SEARCH.least_lag and np.ptp(lags) < LAG_SEARCH.agreement:
+        if lags and abs(np.median(lags)) >= LAG_SEARCH.least_rigid_lag and np.ptp(lags) < LAG_SEARCH.agreement:
             result[field] = round(float(np.median(lags)), 2)
     groups = [FIELDS[group] for group in GROUPS]
     if result.keys() >= set(groups) and np.ptp([result[group] for group in groups]) < LAG_SEARCH.agreement:
@@ -75,7 +79,17 @@ _Pairs = Mapping[tuple[Source, Source], float]  # by how much the first is the l
 
 
 def _lags(windows: Sequence[Window], sensors: Mapping[str, SensorBase], vehicle: Vehicle) -> _Pairs:
-    """The lags between all sources that measure one motion well enough."""
+    """The lags between all sources that measure one motion well enough.
+
+    A steered wheel leads the motion that answers it, and an accelerometer ahead of the centre of gravity leads as well.
+    Gyro and course are of one rigid body: the course leads by the time of a wheelbase at most, where the antenna is far
+    ahead of the rear axle, so that a gyro that is later than that is late.
+    """
+    chassis = vehicle.physics.chassis
+    speed = float(np.nanmedian(np.concatenate([w.speed.value[:, 0] for w in windows])))
+    name = telling(sensors.items(), "course")
+    course = None if name is None else sensors[name].kind
+    led = (chassis.cog_to_front_axle + chassis.cog_to_rear_axle) / max(speed, WINDOWS.slowest)
     lags: dict[tuple[Source, Source], float] = {}
     for signals, least in zip(
         _motions(windows, sensors, vehicle), (LAG_SEARCH.least_turning, LAG_SEARCH.least_acceleration), strict=True
@@ -85,7 +99,9 @@ def _lags(windows: Sequence[Window], sensors: Mapping[str, SensorBase], vehicle:
             found = match(moving[one], moving[other], LAG_SEARCH.step, LONG_LAGS)
             if found is None or abs(found.best) < LAG_SEARCH.least_correlation:
                 continue
-            if abs(found.lag) < LAG_SEARCH.least_lag:
+            if one == GROUPS[0] and other == course and _late_rigidly(found, led):
+                lags.setdefault((one, other), found.lag)
+            elif abs(found.lag) < LAG_SEARCH.least_lag:
                 lags.setdefault((one, other), 0.0)
             elif (
                 found.clear > LAG_SEARCH.clearance
@@ -93,6 +109,15 @@ def _lags(windows: Sequence[Window], sensors: Mapping[str, SensorBase], vehicle:
             ):
                 lags.setdefault((one, other), found.lag)
     return lags
+
+
+def _late_rigidly(found: Match, led: float) -> bool:
+    """True if a gyro is behind the course by more than the time [s] by which this may lead."""
+    return (
+        found.lag > LAG_SEARCH.least_rigid_lag + led
+        and found.explained > LAG_SEARCH.least_explained
+        and found.clear > LAG_SEARCH.rigid_clearance
+    )
 
 
 def _late(lags: _Pairs) -> dict[Source, float]:

@@ -368,6 +368,11 @@ class Answer(_Part):
         "Ids of the effects of each explanation that remains, the best first; one explanation where it is named."
     )
     would_separate: NextTest | None = _field("The test that would tell the rivals apart; null where none is known.")
+    drive_next: str = _field(
+        "Driving that these recordings lack, which would help to distinguish what looks alike in them; empty where "
+        "none is known.",
+        default="",
+    )
     fit: dict[str, SignalErrors] = _field("Errors by signal.")
     base: dict[str, BaseParameter] = _field("Base parameters by name.")
     threshold: float = _field("Gain that an effect needs at least.", "-")
@@ -379,6 +384,11 @@ class Answer(_Part):
         "model leaves.",
         "-",
         default=None,
+    )
+    recording_defects: tuple[str, ...] = _field(
+        "What is wrong in the recordings themselves, found before any fit: signs, axes and units, with what mends "
+        "them, and values in coarse steps.",
+        default=(),
     )
     remainder: Remainder | None = _field(
         "What is left over besides what is named; absent where that is all, as far as is known.", default=None

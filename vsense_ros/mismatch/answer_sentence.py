@@ -15,11 +15,16 @@ from vsense_ros.mismatch.simulation import LOST
 from vsense_ros.mismatch.words import in_words, label, percent, shown_value
 from vsense_ros.model.effects import BY_ID
 
+DEFECTS_SAID = 3  # defects of recordings that the sentence lists
+
 
 def sentence(answer: Answer) -> str:
     """The answer in words."""
     if answer.verdict == "no_mismatch":
-        return "Model and recordings agree once mass, tyres and the like are fitted: there is nothing to find here."
+        more = " else" if answer.recording_defects else ""
+        return (
+            f"Model and recordings agree once mass, tyres and the like are fitted: there is nothing{more} to find here."
+        )
     if answer.verdict == "unknown":
         return f"Something is left over that no effect of the library explains{_left_over(answer)}.{_began(answer)}"
     if answer.verdict == "ambiguous":
@@ -34,11 +39,18 @@ def sentence(answer: Answer) -> str:
 
 def conditions(answer: Answer, known: Sequence[Beforehand], left_out: Sequence[str]) -> str:
     """On what an answer rests, as sentences behind its own: defects of sensors that are `known` before any fit, where
-    the answer does not name them itself, and the signals that were left out of the comparison, each with its reason."""
+    the answer does not name them itself, what is wrong in the recordings, and the signals that were left out of the
+    comparison, each with its reason."""
     said = ""
     if known and answer.verdict != "named":
         sizes = (f"{BY_ID[one.effect].sentence} ({label(one.field)} {_in_unit(one)})" for one in known)
         said += f" Determined before any fit, and taken into account: {'; '.join(sizes)}."
+    reasons = [one.partition(", ")[2] for one in left_out]  # without the name of the recording
+    defects = [one for one in answer.recording_defects if not any(reason and reason in one for reason in reasons)]
+    if defects:
+        more = len(defects) - DEFECTS_SAID
+        rest = f"; and {more} more, which the remarks list" if more > 0 else ""
+        said += f" In the recordings themselves: {'; '.join(defects[:DEFECTS_SAID])}{rest}."
     if left_out:
         said += f" Left out of the comparison: {'; '.join(left_out)}."
     return said

@@ -58,6 +58,7 @@ class DataQualitySettings:
     tilt_apart: float = setting(1.5, "m/s²", "of gravity that a sensor which was moved has on another axis", JUDGEMENT)
     goes_along: float = setting(0.3, "-", "correlation of signals that follow from one another", JUDGEMENT)
     opposite: float = setting(-0.5, "-", "correlation of signals with opposite signs", JUDGEMENT)
+    same_shape: float = setting(0.97, "-", "correlation of signals of which one has another unit", JUDGEMENT)
 
 
 SETTINGS = DataQualitySettings()
@@ -366,7 +367,10 @@ def _contradiction(measured: Array, expected: Array, least: float, sizes: tuple[
     if alike < SETTINGS.opposite:
         return "has the sign opposite to {other}"
     if not sizes[0] < size < sizes[1]:
-        return f"is {size:.3g} times the {{other}}; is its unit wrong?"
+        # Another unit changes the size alone; a slow filter also the shape, of which a lag is a part.
+        shape_kept = max(alike, late.best if late is not None else 0.0) > SETTINGS.same_shape
+        doubt = "is its unit wrong" if shape_kept or size > 1 else "is it smoothed, or is its unit wrong"
+        return f"is {size:.3g} times the {{other}}; {doubt}?"
     return "does not go along with {other}; is a clock or an axis wrong?"
 
 

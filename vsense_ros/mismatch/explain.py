@@ -49,6 +49,7 @@ from vsense_ros.mismatch.search import Search
 from vsense_ros.mismatch.search_settings import EFFORT
 from vsense_ros.mismatch.selection import most_telling
 from vsense_ros.mismatch.simulation import LOST, Predictor
+from vsense_ros.mismatch.stand_ins import what_looks_alike
 from vsense_ros.mismatch.terminal import printed
 from vsense_ros.mismatch.thresholds import THRESHOLDS
 from vsense_ros.mismatch.validation import Validation
@@ -167,6 +168,7 @@ def explain_recordings(
             remarks=(*mending, *in_steps, *fitted.remarks), located=NOWHERE, effects=(), out_of_reach=(),
             answer_set=(), rivals=(), would_separate=None, fit={}, base={}, threshold=THRESHOLDS.least_gain,
             driven_s=fitted.driven + unseen.driven, assumed=tuple(assume), ablation=ablation, cpu_s=0.0,
+            recording_defects=(*mending, *in_steps),
         ),
         compared.vehicle,
         progress,
@@ -234,7 +236,8 @@ class _Explainer:
             return self._refused(strange, search, judged, validation)
         shown = leader.fit if leader is not None else search.base
         said = remarks(judged, Evidence(validation, shown, kinds, beyond, varying))
-        self.answer = self.answer.with_(remarks=(*self.answer.remarks, *said))
+        alike, drive_next = what_looks_alike(search, judged)
+        self.answer = self.answer.with_(remarks=(*self.answer.remarks, *said, *alike), drive_next=drive_next)
         self._answered(search, judged, validation, shown)
         return Explanation(self.answer, _traces(search, shown, validation), self._extended(search, judged, shown))
 

@@ -206,7 +206,7 @@ def base_rows(answer: Answer) -> list[tuple[str, str, str]]:
     explained = any(parameter.explained is not None for parameter in answer.base.values())
     return [
         (
-            _base_name(name),
+            base_name(name),
             _base_offset(name, parameter, parameter.value),
             _base_offset(name, parameter, parameter.explained) if explained else "",
         )
@@ -214,7 +214,8 @@ def base_rows(answer: Answer) -> list[tuple[str, str, str]]:
     ]
 
 
-def _base_name(name: str) -> str:
+def base_name(name: str) -> str:
+    """A base parameter as people read it."""
     if name in ZERO_AT:
         return f"{name} (itself, as no vehicle file has it)"
     return ", ".join(map(label, name.split(".")[1:])) if name.startswith("effects.") else name
@@ -348,8 +349,8 @@ def reference_in_words(found: ObserverComparison) -> str:
 
 
 def next_test_in_words(answer: Answer) -> str:
-    """The manoeuvre that would tell the remaining answers apart; empty where none is known."""
+    """The manoeuvre, or the driving, that would tell the remaining answers apart; empty where none is known."""
     test = answer.would_separate
     if test is None:
-        return ""
+        return answer.drive_next
     return f"{test.manoeuvre}; watch the {label(test.signal)} (d′ {test.d_prime:.1f} predicted)"

@@ -38,11 +38,14 @@ BADGES: Mapping[str, Badge] = {
     "no_mismatch": Badge("Nothing to find", "Model and recordings agree", "calm"),
     "not_assessable": Badge("Not assessable", "Nothing can be said", "calm"),
 }
+DEFECTIVE = Badge("Only the recordings are wrong", "What is wrong in the recordings", "found")
 ASSUMED = Badge("Assumed", "What was assumed to be left out", "open")
 
 
 def badge_of(answer: Answer) -> Badge:
     """How the verdict of an answer is shown."""
+    if answer.verdict == "no_mismatch" and answer.recording_defects:
+        return DEFECTIVE
     return ASSUMED if answer.verdict == "named" and answer.assumed else BADGES[answer.verdict]
 
 

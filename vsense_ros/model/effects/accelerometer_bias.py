@@ -13,6 +13,7 @@ class AccelerometerBias(Effect):
 
     id: ClassVar[str] = "accelerometer_bias"
     sentence: ClassVar[str] = "an accelerometer that does not read zero"
+    changes_sides: ClassVar[tuple[str, ...]] = ("y",)
     mistaken_for: ClassVar[tuple[str, ...]] = (
         "imu_roll_misalignment",
         "imu_pitch_misalignment",

@@ -102,6 +102,7 @@ class Effect(Part):
     delays: ClassVar[Mapping[str, str]] = MappingProxyType({})
     on_map: ClassVar[bool] = False  # whether its sizes have directions on the map
     each: ClassVar[str] = "axis"  # what it has a size of each of, where that is neither wheel nor axle
+    changes_sides: ClassVar[tuple[str, ...]] = ()  # sizes that change their sign where left and right are exchanged
     # True if its forces change so fast with the motion that a step without it in the Jacobian misses them
     abrupt: ClassVar[bool] = False
     internal_state: ClassVar[tuple[str, ...]] = ()
@@ -110,6 +111,12 @@ class Effect(Part):
     def prior(cls, vehicle: VehicleFile) -> dict[str, float]:
         """Standard deviations, by field name, of the sizes that the effect has in every such car."""
         return {}
+
+    @classmethod
+    def handed(cls) -> tuple[str, ...]:
+        """The sizes that mean something else where left and right are exchanged: they change their sign, or belong to a
+        wheel of one side."""
+        return tuple(name for name in cls.model_fields if name in cls.changes_sides or name in CORNERS)
 
     @classmethod
     def acts_on(cls) -> str:

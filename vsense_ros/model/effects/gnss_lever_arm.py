@@ -13,6 +13,7 @@ class GnssLeverArm(Effect):
 
     id: ClassVar[str] = "gnss_lever_arm"
     sentence: ClassVar[str] = "a GNSS antenna that sits elsewhere than the vehicle file says"
+    changes_sides: ClassVar[tuple[str, ...]] = ("y",)
     mistaken_for: ClassVar[tuple[str, ...]] = ("sensor_delay",)
     needs: ClassVar[tuple[str, ...]] = ("gnss_velocity",)
 

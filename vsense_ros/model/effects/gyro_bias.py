@@ -13,6 +13,7 @@ class GyroBias(Effect):
 
     id: ClassVar[str] = "gyro_bias"
     sentence: ClassVar[str] = "a gyro that does not read zero at rest"
+    changes_sides: ClassVar[tuple[str, ...]] = ("x", "z")
     mistaken_for: ClassVar[tuple[str, ...]] = ("tyre_conicity", "steering_offset")
     needs: ClassVar[tuple[str, ...]] = ("imu",)
 

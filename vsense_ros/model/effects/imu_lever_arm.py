@@ -13,6 +13,7 @@ class ImuLeverArm(Effect):
 
     id: ClassVar[str] = "imu_lever_arm"
     sentence: ClassVar[str] = "an inertial measurement unit that sits elsewhere than the vehicle file says"
+    changes_sides: ClassVar[tuple[str, ...]] = ("y",)
     mistaken_for: ClassVar[tuple[str, ...]] = ("camber_thrust", "imu_yaw_misalignment")
     needs: ClassVar[tuple[str, ...]] = ("imu",)
 

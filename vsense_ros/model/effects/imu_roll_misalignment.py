@@ -13,6 +13,7 @@ class ImuRollMisalignment(Effect):
 
     id: ClassVar[str] = "imu_roll_misalignment"
     sentence: ClassVar[str] = "an inertial measurement unit that is turned about its x axis"
+    changes_sides: ClassVar[tuple[str, ...]] = ("angle",)
     mistaken_for: ClassVar[tuple[str, ...]] = ("accelerometer_bias", "road_bank", "payload_offset")
     needs: ClassVar[tuple[str, ...]] = ("imu",)
 

@@ -13,6 +13,7 @@ class ImuYawMisalignment(Effect):
 
     id: ClassVar[str] = "imu_yaw_misalignment"
     sentence: ClassVar[str] = "an inertial measurement unit that is turned about its z axis"
+    changes_sides: ClassVar[tuple[str, ...]] = ("angle",)
     mistaken_for: ClassVar[tuple[str, ...]] = ("imu_lever_arm", "accelerometer_bias")
     needs: ClassVar[tuple[str, ...]] = ("imu",)
 

@@ -16,6 +16,7 @@ class PayloadOffset(Effect):
 
     id: ClassVar[str] = "payload_offset"
     sentence: ClassVar[str] = "a load that sits to one side"
+    changes_sides: ClassVar[tuple[str, ...]] = ("moment",)
     mistaken_for: ClassVar[tuple[str, ...]] = ("road_bank", "imu_roll_misalignment")
 
     moment: float = size("kg m", "mass times its offset to the left", typical=30.0, high=3000.0)

@@ -15,6 +15,7 @@ class RoadBank(RoadEffect):
 
     id: ClassVar[str] = "road_bank"
     sentence: ClassVar[str] = "a road that slopes across the direction of travel"
+    changes_sides: ClassVar[tuple[str, ...]] = ("bank",)
     mistaken_for: ClassVar[tuple[str, ...]] = (
         "accelerometer_bias",
         "imu_roll_misalignment",

@@ -15,6 +15,7 @@ class SteeringOffset(Effect):
 
     id: ClassVar[str] = "steering_offset"
     sentence: ClassVar[str] = "an offset of the steering angle"
+    changes_sides: ClassVar[tuple[str, ...]] = ("angle",)
     mistaken_for: ClassVar[tuple[str, ...]] = ("tyre_conicity", "road_bank", "crosswind", "gyro_bias")
 
     angle: float = size("rad", "true road-wheel angle minus the measured one", typical=0.005, high=0.2)
