@@ -438,3 +438,18 @@ def test_an_antenna_beside_the_middle_of_a_car_in_a_bend_is_no_other_car():
     straight, bend = driven(prototype(), "slalom"), beside(2.0, driven(prototype(), "bend"))
     assert "larger than those of" not in reason(straight, bend)
     assert "look like" not in reason(straight, bend)
+
+
+def test_a_recording_of_another_car_among_several_is_left_out_and_named():
+    big = prototype().with_parameters(
+        {
+            f"{axle}.unloaded_radius": 1.06 * prototype().values()[f"{axle}.unloaded_radius"]
+            for axle in ("front", "rear")
+        }
+    )
+    recordings = [driven(prototype(), "sweep"), driven(big, "brake"), driven(prototype(), "slalom")]
+    found = comparable(recordings, (), prototype())
+    assert not found.refused
+    assert [one.name for one in found.recordings] == ["sweep", "slalom"]
+    (said,) = found.left_out
+    assert "is brake of another car than the others?" in said

@@ -38,7 +38,7 @@ class LagSearchSettings:
     span: float = 0.3  # [s] of the means
     least_lag: float = 0.3  # [s] of a lag; a smaller one is left to the fit, and cars take as long to respond
     # [s] of a gyro behind the course, beyond the time of a wheelbase: so far a front may lead, and nothing responds
-    least_rigid_lag: float = 0.1
+    least_rigid_lag: float = 0.05
     least_explained: float = 2.0  # [-] unexplained variance without that lag, over that with it
     rigid_clearance: float = 0.02  # [-] as `clearance`, of that lag
     agreement: float = 0.25  # [s] within which recordings, and groups of a sensor, are equally late

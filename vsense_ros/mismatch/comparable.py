@@ -62,8 +62,14 @@ def _compared(
 
 
 def _without(compared: Comparable, wrong: Hindrance, vehicle: Vehicle) -> Comparable | None:
-    """The rest without a signal that is wrong, with the defects that are known with it; None where it is no signal that
-    can be missing."""
+    """The rest without a signal that is wrong, or without the recording that differs from all others, with the defects
+    that are known with it; None where it is nothing that can be missing."""
+    if wrong.recording and not wrong.topic:
+        others, unseen = (
+            [one for one in every if one.name != wrong.recording] for every in (compared.recordings, compared.held_out)
+        )
+        same_car = _compared(others, unseen, vehicle, compared.known)
+        return replace(same_car, left_out=(*compared.left_out, wrong.reason)) if same_car.fitted.windows else None
     sensor = next((sensor for sensor in vehicle.sensing().values() if sensor.topic == wrong.topic), None)
     if sensor is None:
         return None

@@ -8,7 +8,7 @@ whole recording prevents an answer; without that recording the user gets one abo
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -109,7 +109,7 @@ def _hindrances(
     yield from map(Hindrance, _too_little(fitted, [drive for _, drive in means[: len(fitted.by_recording())]]))
     for name, drive in means:
         yield from _unrelated(drive, name, sensors)
-    yield from map(Hindrance, _unlike(means))
+    yield from _unlike(means)
 
 
 def faults_of(recording: Recording, vehicle: Vehicle) -> list[Finding]:
@@ -374,8 +374,9 @@ def _contradiction(measured: Array, expected: Array, least: float, sizes: tuple[
     return "does not go along with {other}; is a clock or an axis wrong?"
 
 
-def _unlike(drives: Sequence[tuple[str, Drive]]) -> Iterator[str]:
-    """Recordings, by name, between which the car or its sensors have changed."""
+def _unlike(drives: Sequence[tuple[str, Drive]]) -> Iterator[Hindrance]:
+    """Recordings, by name, between which the car or its sensors have changed; the one that differs from all others,
+    where these agree."""
     radii: list[tuple[float, str]] = []
     tilts: list[tuple[Array, str]] = []
     for name, drive in drives:
@@ -389,17 +390,34 @@ def _unlike(drives: Sequence[tuple[str, Drive]]) -> Iterator[str]:
     if radii:
         (small, of_small), (large, of_large) = min(radii), max(radii)
         if large > (1 + SETTINGS.radius_apart) * small:
-            yield (
+            odd = _odd_one(radii, lambda low, high: high <= (1 + SETTINGS.radius_apart) * low)
+            yield Hindrance(
                 f"the wheels of {of_large} are {100 * (large / small - 1):.0f} % larger than those of {of_small}; "
-                "are they recordings of one car?"
+                + (f"is {odd} of another car than the others?" if odd else "are they recordings of one car?"),
+                recording=odd,
             )
     for axis, what in enumerate(("longitudinal", "lateral")):
         at = [(float(tilt[axis]), name) for tilt, name in tilts]
         if at and max(at)[0] - min(at)[0] > SETTINGS.tilt_apart:
-            yield (
+            odd = _odd_one(at, lambda low, high: high - low <= SETTINGS.tilt_apart)
+            yield Hindrance(
                 f"between {min(at)[1]} and {max(at)[1]} the {what} accelerometer has shifted by "
                 f"{max(at)[0] - min(at)[0]:.1f} m/s²; is it one car, and does the sensor sit where it sat?"
+                + (f" {odd} differs from the others" if odd else ""),
+                recording=odd,
             )
+
+
+def _odd_one(values: Sequence[tuple[float, str]], agree: Callable[[float, float], bool]) -> str:
+    """The only recording, by name, without which the smallest and the largest value of the others `agree`; empty where
+    there is none, or fewer than two others."""
+    names = list(dict.fromkeys(name for _, name in values))
+    odd = []
+    for name in names:
+        rest = [value for value, of in values if of != name]
+        if len(names) > 2 and agree(min(rest), max(rest)):
+            odd.append(name)
+    return odd[0] if len(odd) == 1 else ""
 
 
 def _over_rolling(drive: Drive, steady: NDArray[np.bool_]) -> list[float]:
