@@ -87,7 +87,7 @@ def _lags(windows: Sequence[Window], sensors: Mapping[str, SensorBase], vehicle:
     """
     chassis = vehicle.physics.chassis
     speed = float(np.nanmedian(np.concatenate([w.speed.value[:, 0] for w in windows])))
-    name = telling(sensors.items(), "course")
+    name = best_measuring(sensors.items(), "course")
     course = None if name is None else sensors[name].kind
     led = (chassis.cog_to_front_axle + chassis.cog_to_rear_axle) / max(speed, WINDOWS.slowest)
     lags: dict[tuple[Source, Source], float] = {}
