@@ -34,7 +34,8 @@ def near(at: np.ndarray, place: float) -> np.ndarray:
 
 
 class Road:
-    """One signal, which each place changes by its triangle, and a base parameter everywhere by 1."""
+    """One signal, a wave that nothing explains, which each place changes by its triangle, and a base parameter
+    everywhere by 1."""
 
     at_once = 2
     layout = [["yaw_rate"]] * WINDOWS
@@ -50,7 +51,10 @@ class Road:
         values = dict(parameter_set.values)
         offset = values.pop("offset")
         every = [places(one) for one in self.predictor.dataset.windows]
-        return [offset + sum(size * near(at, float(name)) for name, size in values.items()) for at in every]
+        return [
+            np.sin(at / 30.0) + offset + sum(size * near(at, float(name)) for name, size in values.items())
+            for at in every
+        ]
 
 
 POINTS = tuple(
@@ -62,7 +66,7 @@ POINTS = tuple(
 def secants() -> Secants:
     road, start = Road(), ParameterSet({"offset": 0.0, **{point.name: 0.0 for point in POINTS}})
     base = FreeParameter("offset", "-", 2.0, -9.0, 9.0, added("offset"))
-    residuals = [1.0 + 0.1 * one for one in road(start.changed({"offset": 1.0}))]
+    residuals = road(start)
     fitted = Fit(start, (base,), np.zeros(1), residuals, [np.full((len(r), 1), 2.0) for r in residuals], 1.0)
     found = Secants(cast(Residuals, road), start, fitted)
     found.simulate_new([cast(Any, SimpleNamespace(free_parameters=POINTS, along_road=True, places=POINTS))])
