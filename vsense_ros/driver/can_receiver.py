@@ -14,18 +14,11 @@ from cantools.database import Message
 from cantools.database import Signal as DbcSignal
 from numpy.typing import NDArray
 
-from vsense_ros.driver import samples
 from vsense_ros.driver.can_checksum import CHECKSUMS
 from vsense_ros.driver.can_mapped_signal import Signal, Valid
-from vsense_ros.driver.can_mapping import (
-    AnyOutput,
-    CounterCheck,
-    ImuOutput,
-    JointStateOutput,
-    MessageCheck,
-    suggestion,
-)
+from vsense_ros.driver.can_mapping import AnyOutput, CounterCheck, MessageCheck, suggestion
 from vsense_ros.driver.can_motion import MotionBase
+from vsense_ros.driver.can_samples import Template, motion_sample
 from vsense_ros.driver.can_signal import Array, Frames, SignalField
 from vsense_ros.driver.can_validity import Validity
 from vsense_ros.driver.monitor import NANO, StreamLimits, StreamMonitor
@@ -46,6 +39,9 @@ class _Flag:
         """True where the signal has one of the numbers; of a number or an array."""
         value = physical[self.signal]
         return np.isin(value, list(self.numbers)) if isinstance(value, np.ndarray) else value in self.numbers
+
+
+_Plain = tuple[float, float, float, float, float]  # gain, offset, lowest, highest, divisor
 
 
 @dataclass(frozen=True, slots=True)
@@ -71,6 +67,13 @@ class _Conversion:
             value = value * (1.0 - 2.0 * self.negative.of(physical))
         value = self.gain * value + self.offset
         return value / self.divisor, (self.lowest <= value) & (value <= self.highest)
+
+    @property
+    def plain(self) -> _Plain | None:
+        """The numbers of the conversion, where it is of one signal that no other judges; else None."""
+        if len(self.signals) > 1 or self.flags:
+            return None
+        return self.gain, self.offset, self.lowest, self.highest, self.divisor
 
     @property
     def flags(self) -> tuple[_Flag, ...]:
@@ -165,6 +168,8 @@ class _CounterState:
 # Name of a signal, where it is in the data as one number (byte order, shift, mask, bit of the sign), its scale and
 # offset, its usual values, its codes for no value, and its field if it is a floating-point number.
 _Place = tuple[str, bool, int, int, int, float, float, float, float, dict[int, str], SignalField | None]
+_Row = tuple[str, _Place, _Plain]  # of one value, with its name
+_Made = tuple[AnyOutput, dict[str, float]]  # values of an output in SI by their names
 
 
 class Receiver:
@@ -198,8 +203,10 @@ class Receiver:
                 f"{where}: {message.name} with {self.length} data bytes has no room for {', '.join(beyond)}"
             )
         self.places = [self._place(name, field) for name, field in self.fields.items()]
-        self._before: dict[str, float] = {}  # the latest value of each signal
-        self._templates: dict[tuple[int, tuple[str, ...]], _Template] = {}  # by output and the values that it has
+        self._plain = self._plain_rows()
+        self._before: dict[str, float] = {}  # the latest value of each signal, unless that is in …
+        self._latest: bytes | None = None  # … the data of the latest frame, of which all values were usual
+        self._templates: dict[tuple[int, tuple[str, ...]], Template] = {}  # by output and the values that it has
         self.latency = round(check.latency * NANO)
         self.checksum = check.checksum
         if self.checksum is not None and not -1 <= self.checksum.byte < self.length:
@@ -227,6 +234,20 @@ class Receiver:
         mask = (1 << field.length) - 1
         floating = field if field.is_float else None
         return name, field.big_endian, shift, mask, sign, field.scale, field.offset, *bounds, validity.codes, floating
+
+    def _plain_rows(self) -> list[tuple[AnyOutput, list[_Row]]] | None:
+        """How each value of each output follows from the bits; None where the message has pages, or values are sums,
+        floating-point numbers, or judged by other signals."""
+        conversions = [one for _, every in self.outputs for one in every]
+        if self.paged or any(one.plain is None for one in conversions):
+            return None
+        if any(self.fields[name].is_float for one in conversions for name in one.signals):
+            return None
+        places = {place[0]: place for place in self.places}
+        return [
+            (output, [(one.name, places[one.signals[0]], one.plain) for one in every if one.plain is not None])
+            for output, every in self.outputs
+        ]
 
     def objection(self, data: bytes) -> str | None:
         """Why the data is not believed before its signals are looked at. CAN FD knows few lengths and fills up to the
@@ -258,32 +279,73 @@ class Receiver:
         if self.paged and not all(field.has(data) for field in self.paged):
             monitor.passed("other multiplexer page")
             return []
-        physical, refused = self._physical(data)
-        if self.counter is not None:
-            reason = self.counter.objection(int(physical[self.counter.check.signal]))
-            if reason is not None:
-                monitor.fault(reason, at)
-                return []
-        if refused:
-            self._refuse(physical, refused, at)
-        self._before = physical
-        made: list[tuple[AnyOutput, dict[str, float]]] = []
-        for output, conversions in self.outputs:
-            values = self._values(conversions, physical, refused, at)
-            if values and (not isinstance(output, MotionBase) or output.is_whole(values)):
-                made.append((output, values))
+        made = self._usual_values(data)
+        if made is None:
+            made = self._judged_values(data, at)
+        elif self.counter is not None and (
+            reason := self.counter.objection(int(self.fields[self.counter.check.signal].physical(data)))
+        ):
+            monitor.fault(reason, at)
+            return []
+        else:
+            self._latest = data
         if not made or not monitor.accept(arrival, received):
             return []
         stamp = arrival - self.latency
         return [self._sample(output, values, stamp, at) for output, values in made]
 
+    def _usual_values(self, data: bytes) -> list[_Made] | None:
+        """The values of all outputs, where none is judged by another signal and all are usual, as nearly always: in one
+        go from the bits to SI. Else None, and nothing has been done."""
+        if self._plain is None:
+            return None
+        big = int.from_bytes(data[: self.length], "big")
+        little = int.from_bytes(data, "little")
+        made = []
+        for output, rows in self._plain:
+            values = {}
+            for name, place, (gain, addend, least, most, divisor) in rows:
+                _, is_big, shift, mask, sign, scale, offset, lowest, highest, codes, _ = place
+                raw = ((big if is_big else little) >> shift) & mask
+                if raw & sign:
+                    raw -= mask + 1
+                value = raw * scale + offset
+                if not lowest <= value <= highest or raw in codes:
+                    return None
+                value = gain * value + addend
+                if not least <= value <= most:
+                    return None
+                values[name] = value / divisor
+            made.append((output, values))
+        return made
+
+    def _judged_values(self, data: bytes, at: int) -> list[_Made]:
+        """The values of the outputs that can be believed at a time [ns]; the rest is counted."""
+        if self._latest is not None:
+            self._before, self._latest = self._physical(self._latest)[0], None
+        physical, refused = self._physical(data)
+        if self.counter is not None:
+            reason = self.counter.objection(int(physical[self.counter.check.signal]))
+            if reason is not None:
+                self.monitor.fault(reason, at)
+                return []
+        if refused:
+            self._refuse(physical, refused, at)
+        self._before = physical
+        made: list[_Made] = []
+        for output, conversions in self.outputs:
+            values = self._values(conversions, physical, refused, at)
+            if values and (not isinstance(output, MotionBase) or output.is_whole(values)):
+                made.append((output, values))
+        return made
+
     def _sample(self, output: AnyOutput, values: dict[str, float], stamp: int, received: int) -> Sample:
         if isinstance(output, MotionBase):
-            return _motion_sample(output, values, stamp, received)
+            return motion_sample(output, values, stamp, received)
         key = id(output), tuple(values)
         template = self._templates.get(key)
         if template is None:
-            template = self._templates[key] = _Template.of(output, key[1])
+            template = self._templates[key] = Template.of(output, key[1])
         return template.filled(values, stamp, received)
 
     def _values(
@@ -435,56 +497,3 @@ def _present(output: AnyOutput, values: Mapping[str, Array]) -> NDArray[np.bool_
 
 def _not_valid(conversion: _Conversion, flag: _Flag) -> str:
     return f"{conversion.name} is not valid by {flag.signal}"
-
-
-def _motion_sample(output: MotionBase, values: dict[str, float], stamp: int, received: int) -> Sample:
-    columns = output.columns({name: np.array([value]) for name, value in values.items()})
-    row = {name: column[0] for name, column in columns.items()}
-    frame, child = output.frames
-    return Sample(output.topic, output.message_kind, stamp, row, frame, child_frame_id=child, received=received)
-
-
-@dataclass(frozen=True, slots=True)
-class _Template:
-    """What all samples of one output with the same values have in common: arrays that may not be changed, and which
-    values make each of the others."""
-
-    sample: Sample
-    vectors: tuple[tuple[str, tuple[str, ...]], ...]
-
-    @staticmethod
-    def of(output: JointStateOutput | ImuOutput, names: tuple[str, ...]) -> _Template:
-        """The template of an output that is made of the values with these names."""
-        if isinstance(output, JointStateOutput):
-            sample = samples.joint_state(output.topic, 0, output.field, dict.fromkeys(names, 0.0))
-            vectors: dict[str, tuple[str, ...]] = {output.field: names}
-        else:
-            sample, vectors = _imu_sample(output, names)
-        for array in sample.values.values():
-            array.setflags(write=False)
-        return _Template(sample, tuple(vectors.items()))
-
-    def filled(self, values: dict[str, float], stamp: int, received: int) -> Sample:
-        """A sample with these values at a time [ns]."""
-        common = self.sample
-        content = dict(common.values)
-        for field, names in self.vectors:
-            content[field] = np.array([values.get(name, math.nan) for name in names])
-        return Sample(
-            common.topic, common.kind, stamp, content, common.frame_id, common.names, common.child_frame_id, received
-        )
-
-
-def _imu_sample(output: ImuOutput, names: tuple[str, ...]) -> tuple[Sample, dict[str, tuple[str, ...]]]:
-    """A sample of an inertial sensor that measures the axes with these names, and the names that make its vectors."""
-    axes: dict[str, tuple[str, ...]] = {}
-    fields: dict[str, Any] = {}
-    deviations = {str(axis): signal.standard_deviation for axis, signal in output.axes.items() if axis in names}
-    for field in ("angular_velocity", "linear_acceleration"):
-        every = tuple(f"{field}_{axis}" for axis in "xyz")
-        if any(name in names for name in every):
-            axes[field], fields[field] = every, np.full(3, math.nan)
-            fields[f"{field}_covariance"] = samples.diagonal(
-                [(deviations.get(name) or 0.0) ** 2 or samples.UNMEASURED_VARIANCE for name in every]
-            )
-    return samples.imu(output.topic, 0, output.frame_id, **fields), axes
