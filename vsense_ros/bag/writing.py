@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from types import TracebackType
@@ -57,6 +57,10 @@ class BagWriter:
         name = f"{self.path.resolve().name}_{len(self._files)}.mcap"
         self._file = McapWriter(self.path / name, self._compression)
         self._files.append(self._file)
+
+    def describe_bag(self, metadata: Mapping[str, str]) -> None:
+        """Add to the metadata of the bag, which are written at its end."""
+        self._metadata.update(metadata)
 
     def write(self, sample: Sample) -> None:
         """Write a sample at its time of arrival, or of measurement if that is unknown."""
@@ -134,6 +138,17 @@ def _replaceable(path: Path, overwrite: bool) -> list[Path]:
 def write_bag(path: str | Path, recording: Recording, *, compression: str = "zstd", overwrite: bool = False) -> None:
     """Write a recording as a bag, in order of arrival. Its name, metadata and notes go into `custom_data`.
 
+    It is written as by `write_pieces`.
+    """
+    write_pieces(path, [recording], compression=compression, overwrite=overwrite)
+
+
+def write_pieces(
+    path: str | Path, pieces: Iterable[Recording], *, compression: str = "zstd", overwrite: bool = False
+) -> None:
+    """Write recordings that follow each other as one bag, each in order of arrival, with the metadata of the first and
+    the notes of all.
+
     It is written beside its place and renamed at the end: whatever ends the program before that, an old bag is as it
     was, and nothing half-written stands in its place.
     """
@@ -143,31 +158,34 @@ def write_bag(path: str | Path, recording: Recording, *, compression: str = "zst
     target.parent.mkdir(parents=True, exist_ok=True)
     with TemporaryDirectory(prefix=f".{target.name}.", dir=target.parent) as folder:
         written = Path(folder) / target.name
-        _write(written, recording, compression)
+        with BagWriter(written, compression=compression) as writer:
+            notes: dict[str, None] = {}
+            for index, piece in enumerate(pieces):
+                notes |= dict.fromkeys(piece.notes)
+                told = {"notes": "\n".join(notes)} if notes else {}
+                writer.describe_bag({**({} if index else piece.metadata), **told})
+                _write(writer, piece)
         for old in _replaceable(path, overwrite):
             old.unlink()
         written.replace(target)
 
 
-def _write(path: Path, recording: Recording, compression: str) -> None:
-    metadata = dict(recording.metadata)
-    if recording.notes:
-        metadata["notes"] = "\n".join(recording.notes)
+def _write(writer: BagWriter, recording: Recording) -> None:
+    """Write the messages of a recording in order of arrival."""
     channels = [channel.in_order() for channel in recording.channels.values() if len(channel)]
-    with BagWriter(path, compression=compression, metadata=metadata) as writer:
-        if not channels:
-            return
-        received = np.concatenate([channel.received for channel in channels])
-        source = np.repeat(np.arange(len(channels)), [len(channel) for channel in channels])
-        order = np.argsort(received, kind="stable")
-        streams = [(channel.topic, channel.kind, _encoded(channel).__next__) for channel in channels]
-        try:
-            for number, time in zip(source[order].tolist(), received[order].tolist(), strict=True):
-                topic, kind, following = streams[number]
-                writer.write_raw(topic, kind, time, following())
-        except BaseException:
-            writer.abandon()
-            raise
+    if not channels:
+        return
+    received = np.concatenate([channel.received for channel in channels])
+    source = np.repeat(np.arange(len(channels)), [len(channel) for channel in channels])
+    order = np.argsort(received, kind="stable")
+    streams = [(channel.topic, channel.kind, _encoded(channel).__next__) for channel in channels]
+    try:
+        for number, time in zip(source[order].tolist(), received[order].tolist(), strict=True):
+            topic, kind, following = streams[number]
+            writer.write_raw(topic, kind, time, following())
+    except BaseException:
+        writer.abandon()
+        raise
 
 
 def _encoded(channel: Channel) -> Iterator[bytes]:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+from itertools import chain
 from pathlib import Path
 from typing import Any
 
@@ -10,6 +12,7 @@ import click
 from vsense_ros.cli.common import EXISTING, Commands, key_value_pairs
 from vsense_ros.errors import InputError
 from vsense_ros.files.names import printable
+from vsense_ros.messages.recording import Recording
 
 
 @click.command("import")
@@ -62,9 +65,9 @@ def import_(
     their own, become one recording in the time of the first. The offsets between the clocks are estimated from the
     motion that all of them measure.
     """
-    from vsense_ros.bag import write_bag
-    from vsense_ros.bag.importers import find_importer, import_recording
+    from vsense_ros.bag.importers import find_importer, import_pieces, import_recording, is_large
     from vsense_ros.bag.join import joined
+    from vsense_ros.bag.writing import write_pieces
     from vsense_ros.checks.inspect import inspect
     from vsense_ros.evaluate.terminal import console, say, show_inspection, waiting
     from vsense_ros.model.sensors import known_topics
@@ -78,6 +81,7 @@ def import_(
         raise InputError(f"{out}: expected a recording and the bag to write, found one of the two")
     given = list(mappings)
     recordings = []
+    following: Iterator[Recording] = iter(())  # pieces of a large file behind the first one
     for source in sources:
         own = dict(options)
         with_dbc: dict[str, Any] = {"dbc": databases} if databases else {}
@@ -88,13 +92,19 @@ def import_(
             own["mapping"] = tuple(given[:count]) if count > 1 else given[0]
             del given[:count]
         with waiting(f"importing {source.name}"):
-            recordings.append(import_recording(source, **own))
+            if len(sources) > 1:
+                recordings.append(import_recording(source, **own))
+            else:
+                following = import_pieces(source, **own)
+                recordings.append(next(following))
     if given:
         raise InputError(f"{given[0]}: a mapping more than there are sources that take one")
     with waiting(f"writing {out.name}"):
         recording = joined(recordings, keep_times=keep_times) if len(recordings) > 1 else recordings[0]
-        write_bag(out, recording, overwrite=overwrite)
+        write_pieces(out, chain([recording], following), overwrite=overwrite)
     show_inspection(inspect(recording, known_topics()), console())
+    if len(sources) == 1 and importer.pieces is not None and is_large(sources[0]):
+        say(f"Of this large file the first {recording.duration:.0f} s are inspected: all of it by 'vsense info {out}'.")
     say(f"Written to {out}.")
 
 

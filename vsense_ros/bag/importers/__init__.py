@@ -1,10 +1,11 @@
 """Recordings of any format, one module each. A new one is a module in this folder with NAME, DESCRIPTION,
-`matches(path)`, and `read(path, **options)`; the other modules here, which have no NAME, are what several share."""
+`matches(path)`, and `read(path, **options)`; with `pieces(path, size, **options)` files of any size are read in bounded
+memory. The other modules here, which have no NAME, are what several share."""
 
 from __future__ import annotations
 
 import inspect
-from collections.abc import Callable, Collection, Iterator
+from collections.abc import Callable, Collection, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass
 from importlib import import_module
@@ -19,7 +20,20 @@ from vsense_ros.errors import InputError
 from vsense_ros.extras import MissingExtra, explained
 from vsense_ros.messages.recording import Recording
 
+_LAST = 2**63 - 1  # [ns]
 _MOST_MEMORY, _MOST_OF_FILE = 768 << 20, 24  # [byte], and times the size of a file, that reading it may take
+
+
+@dataclass(frozen=True)
+class LargeFiles:
+    """How files are read that are too large for the memory."""
+
+    from_size: int = 512 << 20  # [byte] of a file, from which on it is read in pieces
+    piece: int = 64 << 20  # [byte] of a file that are read at once
+    most_back: int = 10_000_000_000  # [ns] that times may go back from one piece to the next
+
+
+LARGE = LargeFiles()
 
 
 @dataclass(frozen=True)
@@ -31,6 +45,7 @@ class Importer:
     matches: Callable[[Path], bool]
     read: Callable[..., Recording]
     needs: tuple[str, ...] = ()  # options without which another importer of the same file is meant
+    pieces: Callable[..., Iterator[Recording]] | None = None  # what `read` gives, one piece after the other
 
     @property
     def options(self) -> tuple[str, ...]:
@@ -44,7 +59,14 @@ def importers() -> list[Importer]:
     formats = [module for module in _modules()[0] if hasattr(module, "NAME")]
     formats.sort(key=lambda module: (getattr(module, "LAST", False), not getattr(module, "FIRST", False)))
     return [
-        Importer(module.NAME, module.DESCRIPTION, module.matches, module.read, getattr(module, "NEEDS", ()))
+        Importer(
+            module.NAME,
+            module.DESCRIPTION,
+            module.matches,
+            module.read,
+            getattr(module, "NEEDS", ()),
+            getattr(module, "pieces", None),
+        )
         for module in formats
     ]
 
@@ -99,22 +121,60 @@ def import_recording(path: str | Path, **options: Any) -> Recording:
 
     Raises `InputError` if nothing knows the format or an option is not one of its importer.
     """
+    importer = _with_options(path, options)
+    with bounded_memory(Path(path)), _one_sentence(path, importer):
+        return without_repeats(with_steady_clocks(importer.read(Path(path), **options).compact()))
+
+
+def import_pieces(path: str | Path, **options: Any) -> Iterator[Recording]:
+    """Read a recording piece by piece, in memory that does not grow with a large file where its importer can do so.
+
+    The pieces follow each other in time. Raises `InputError` as `import_recording`, and where a clock goes back from
+    one piece to the next.
+    """
+    path = Path(path)
+    importer = _with_options(path, options)
+    if importer.pieces is None or not is_large(path):
+        yield import_recording(path, **options)
+        return
+    latest: dict[str, int] = {}
+    with _one_sentence(path, importer):
+        for piece in importer.pieces(path, LARGE.piece, **options):
+            for topic, channel in piece.channels.items():
+                if channel.received.min(initial=_LAST) < latest.get(topic, 0) - LARGE.most_back:
+                    raise InputError(
+                        f"{path}: {topic}: its clock goes back; a file of this size needs times that go on"
+                    )
+                latest[topic] = int(channel.received.max(initial=latest.get(topic, 0)))
+            yield without_repeats(with_steady_clocks(piece.compact()))
+
+
+def is_large(path: Path) -> bool:
+    """True if a recording is a file that is read in pieces where its importer can do so."""
+    return path.is_file() and path.stat().st_size >= LARGE.from_size
+
+
+def _with_options(path: str | Path, options: Mapping[str, Any]) -> Importer:
+    """The importer for a file. Raises `InputError` for an option that it does not have."""
     importer = find_importer(path, options)
     unknown = [name for name in options if name not in importer.options]
     if unknown:
         allowed = ", ".join(importer.options) or "none"
         raise InputError(f"{path}: importer {importer.name} has no option {unknown[0]!r}; it has: {allowed}")
-    with bounded_memory(Path(path)):
-        try:
-            with explained():
-                return without_repeats(with_steady_clocks(importer.read(Path(path), **options).compact()))
-        except (InputError, MemoryError):
-            raise
-        except Exception as error:  # of a library, that a damaged file has led where nobody expected it
-            text = (
-                f"{path}: cannot be read as {importer.name} ({importer.description}): {type(error).__name__}: {error}"
-            )
-            raise InputError(text) from error
+    return importer
+
+
+@contextmanager
+def _one_sentence(path: str | Path, importer: Importer) -> Iterator[None]:
+    """Whatever a library raises over a damaged file becomes an `InputError`."""
+    try:
+        with explained():
+            yield
+    except (InputError, MemoryError):
+        raise
+    except Exception as error:
+        text = f"{path}: cannot be read as {importer.name} ({importer.description}): {type(error).__name__}: {error}"
+        raise InputError(text) from error
 
 
 @contextmanager

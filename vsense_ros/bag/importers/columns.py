@@ -43,11 +43,21 @@ SETTINGS = ColumnSettings()
 _WRAPPING = ("course", "yaw", "heading")
 
 
+class NoValues(InputError):
+    """None of the columns of a topic holds a number."""
+
+
 def recording_from(
-    mapping: ColumnMapping, columns: Columns, name: str, source: str, base: int | None = None
+    mapping: ColumnMapping,
+    columns: Columns,
+    name: str,
+    source: str,
+    base: int | None = None,
+    *,
+    is_piece: bool = False,
 ) -> Recording:
     """The recording that the mapping makes of the columns; `base` is the Unix time [ns] of their time 0, if not that
-    of the mapping."""
+    of the mapping. A piece of a table may have no values of a topic, which it then lacks; a whole one may not."""
     notes: list[str] = []
     if mapping.time.rate is not None and mapping.time.start is None:
         notes.append(f"{name}: its rows have no date; counted from 1970 (key start of time)")
@@ -55,7 +65,11 @@ def recording_from(
     channels = {}
     for topic, fields in mapping.topics.items():
         if fields:
-            channels[topic] = made.channel(topic, mapping.fields(topic))
+            try:
+                channels[topic] = made.channel(topic, mapping.fields(topic))
+            except NoValues:
+                if not is_piece:
+                    raise
             give_back()
     return Recording(channels, name, tuple(dict.fromkeys(notes)), 0, {"source": source})
 
@@ -83,7 +97,7 @@ class _Maker:
             self._notes.append(f"{topic}: its columns have different times; interpolated to those of {longest}")
         time = time if keep.all() else time[keep]
         if not len(time):
-            raise InputError(f"{topic}: none of its columns ({', '.join(map(str, raw))}) holds a number")
+            raise NoValues(f"{topic}: none of its columns ({', '.join(map(str, raw))}) holds a number")
         possible = np.abs(time) < SETTINGS.latest
         if not possible.all():
             raise InputError(f"{topic}: a time of {time[np.argmin(possible)]:g} s is none; is its unit right?")

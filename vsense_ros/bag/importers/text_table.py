@@ -11,6 +11,7 @@ import io
 import math
 import re
 from collections.abc import Iterable, Iterator, Mapping, Sequence
+from copy import copy
 from dataclasses import dataclass, field
 from functools import partial
 from pathlib import Path
@@ -20,6 +21,7 @@ import numpy as np
 import pyarrow as pa
 import pyarrow.csv
 
+from vsense_ros.bag.importers import build
 from vsense_ros.bag.importers.build import Array
 from vsense_ros.bag.importers.cut_text import Beginning, is_cut
 from vsense_ros.bag.importers.mapping import CLOCKS, Column, ColumnMapping, Ref, unit_in_name
@@ -33,6 +35,7 @@ _LONGEST_LINE = 1 << 20  # [byte]
 _LONGEST_SHOWN = 60  # characters of a cell in an error
 _FOOTER = 20  # lines at the end of a file that may be something else than rows
 _TAIL = 1 << 16  # [byte] at the end of a file, by which it is seen if its last line was cut
+_DAY = 86_400.0  # [s]
 _BLOCK = 1 << 20  # [byte] that are parsed at once: larger ones leave more of the memory in pieces
 
 
@@ -82,14 +85,37 @@ def read_header(path: Path, wanted: ColumnMapping) -> tuple[list[str], list[str]
 def read_table(path: Path, wanted: ColumnMapping, also: Sequence[str | int] = ()) -> TextTable:
     """The columns that a mapping uses, and those that are named `also`. Raises `InputError` naming line and column of
     what is wrong."""
+    return _table(_Lines(path, wanted), also)
+
+
+def read_pieces(path: Path, wanted: ColumnMapping, size: int) -> Iterator[TextTable]:
+    """The rows of a table in pieces of about `size` bytes, one after the other; the whole where rows have no times or
+    characters more than a byte. Times go on over midnight and the end of a GPS week."""
+    lines = _Lines(path, wanted)
+    if wanted.time.rate is not None or lines.is_wide:
+        yield _table(lines)
+        return
+    turn = {"hms": _DAY, "hhmmss": _DAY, "gps": float(build.WEEK)}.get(wanted.time.unit)
+    turned, latest = 0.0, -math.inf
+    for piece in lines.pieces(size):
+        table = _table(piece)
+        begin = (0 if table.base is None else table.base) * 1e-9
+        if turn is not None and begin + table.time[0] + turned < latest - turn / 2:
+            turned += turn
+        table.time += turned
+        latest = begin + float(table.time[-1])
+        yield table
+
+
+def _table(lines: _Lines, also: Sequence[str | int] = ()) -> TextTable:
+    path, wanted = lines.path, lines.wanted
     if wanted.time.rate is not None:
-        return _by_rate(_Lines(path, wanted), wanted.time.rate)
+        return _by_rate(lines, wanted.time.rate)
     column = _time_column(path, wanted)
     unit = wanted.time.unit
     if unit not in CLOCKS and units.quantity_of(unit) != "time":
         known = ", ".join((*units.QUANTITIES["time"], *CLOCKS))
         raise InputError(f"mapping: time: unit {unit!r} is no unit of time; known: {known}")
-    lines = _Lines(path, wanted)
     names: list[str | int] = [column, *(ref.name for ref in wanted.columns()), *also]
     if isinstance(wanted.time.week, str):
         names.append(wanted.time.week)
@@ -224,6 +250,29 @@ class _Lines:
             shown = self.text(last)[:_LONGEST_SHOWN]
             self.notes.append(f"{self.path.name}: the last line is cut and left out: {shown!r}")
 
+    @property
+    def is_wide(self) -> bool:
+        """True if a character has several bytes."""
+        return self.encoding.lower().startswith(("utf-16", "utf-32"))
+
+    def pieces(self, size: int) -> Iterator[_Lines]:
+        """The same table with parts of its rows, each of about `size` bytes; notes are those of the first."""
+        begin, line = self.start, self.line
+        with self.open() as file:
+            last = file.seek(0, io.SEEK_END) if self.end is None else self.end
+            while begin < last:
+                file.seek(min(begin + size, last))
+                file.readline(_LONGEST_LINE)
+                end = min(file.tell(), last)
+                piece = copy(self)
+                piece.start, piece.line = begin, line
+                piece.end = last if last - end < size // 2 else end  # what follows the last row is no piece of its own
+                piece.notes = self.notes if begin == self.start else []
+                yield piece
+                file.seek(begin)
+                line += sum(block.count(b"\n") for block in _blocks(file, piece.end - begin))
+                begin = piece.end
+
     def _encoding(self) -> str:
         with self.path.open("rb") as file:
             head = file.read(4)
@@ -244,7 +293,7 @@ class _Lines:
 
     def open(self) -> BinaryIO:
         """The file in an encoding of which each ASCII character is one byte."""
-        if self.encoding.lower().replace("_", "-") in ("utf-16", "utf-16-le", "utf-16-be", "utf-32"):
+        if self.is_wide:
             try:
                 return io.BytesIO(self.path.read_text(encoding=self.encoding).encode()[: self.end])
             except UnicodeError as error:
@@ -253,8 +302,7 @@ class _Lines:
         return file if self.end is None else io.BufferedReader(Beginning(file, self.end))
 
     def text(self, line: bytes) -> str:
-        wide = self.encoding.lower().startswith(("utf-16", "utf-32"))
-        return line.decode("utf-8" if wide else self.encoding, errors="replace").removeprefix("\ufeff")
+        return line.decode("utf-8" if self.is_wide else self.encoding, errors="replace").removeprefix("\ufeff")
 
     def _next(self, file: BinaryIO) -> str | None:
         line = file.readline(_LONGEST_LINE)
@@ -293,6 +341,13 @@ class _Lines:
     @property
     def missing(self) -> list[str]:
         return list(dict.fromkeys((*_MISSING, *self.wanted.missing)))
+
+
+def _blocks(file: BinaryIO, size: int) -> Iterator[bytes]:
+    """The next `size` bytes of a file."""
+    while size > 0 and (block := file.read(min(_BLOCK, size))):
+        size -= len(block)
+        yield block
 
 
 def _is_number(cell: str, decimal: str) -> bool:
