@@ -48,6 +48,26 @@ def test_the_pieces_of_a_table_are_the_whole_one(tmp_path: Path) -> None:
     assert same(read_bag(tmp_path / "bag"), import_recording(path, **options))
 
 
+@pytest.mark.parametrize("name", ["candump", "asc", "blf", "trc", "gvret", "mdf4_bus"])
+def test_the_pieces_of_a_can_log_are_the_whole_one(tmp_path: Path, name: str) -> None:
+    path, options = formats.MAKERS[name](tmp_path, 4.0)
+    pieces = [piece for piece in import_pieces(path, **options) if piece.channels]
+    whole = import_recording(path, **options)
+    assert len(pieces) > 4
+    assert same(whole_of(pieces), whole)
+    assert not {note for piece in pieces for note in piece.notes} - set(whole.notes)
+
+
+def test_messages_that_never_came_are_noted_at_the_end_of_a_can_log(tmp_path: Path) -> None:
+    path, options = formats.MAKERS["candump"](tmp_path, 4.0)
+    lines = [line for line in path.read_text().splitlines(True) if " 302#" not in line]
+    path.write_text("".join(lines))
+    assert any("never came: WHEELS" in note for note in list(import_pieces(path, **options))[-1].notes)
+    path.write_text("".join(lines).replace(" 300#", " 301#"))
+    with pytest.raises(InputError, match="none of the messages that the mapping uses"):
+        list(import_pieces(path, **options))
+
+
 def test_a_last_line_that_was_cut_and_an_end_without_rows_are_no_pieces(tmp_path: Path) -> None:
     path, options = formats.csv(tmp_path, 20.0)
     whole = import_recording(path, **options)

@@ -16,7 +16,7 @@ import math
 import re
 import struct
 from array import array
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import replace
 from datetime import UTC, datetime
 from pathlib import Path
@@ -25,6 +25,7 @@ from typing import Any
 import can
 import numpy as np
 from can.io.asc import ASCReader
+from numpy.typing import NDArray
 
 from vsense_ros.driver.can_frames import CanFrames
 from vsense_ros.driver.can_frames_fast import asc_frames, blf_frames
@@ -198,7 +199,11 @@ def read_frames(path: str | Path) -> CanFrames:
     log = read_can_log(path)
     fast = {"blf": blf_frames, "asc": asc_frames}.get(log.format)
     found = None if fast is None else fast(log.path, log.first_time)
-    frames = _one_by_one(log) if found is None else found
+    return _as_it_ends(log, _one_by_one(log) if found is None else found)
+
+
+def _as_it_ends(log: CanLog, frames: CanFrames) -> CanFrames:
+    """The frames with a note if the file was cut."""
     if log.format == "blf":
         return replace(frames, losses=(*frames.losses, *_cut_off(log)))
     return _without_cut_line(log, frames) if log.format in ("asc", "trc", "gvret") else frames
@@ -228,40 +233,83 @@ def _cut_off(log: CanLog) -> list[str]:
     return [f"the file was cut: its header states {stated} bytes, it has {size}"] if stated > size else []
 
 
+def frames_in_pieces(path: str | Path, count: int) -> Iterator[CanFrames]:
+    """The data frames of a log of any size, `count` at a time, read one by one."""
+    log = read_can_log(path)
+    waiting: CanFrames | None = None
+    for piece in _collected(log, count):
+        if waiting is not None:
+            yield waiting
+        waiting = piece
+    assert waiting is not None  # a log without frames is refused
+    yield _as_it_ends(log, waiting)
+
+
 def _one_by_one(log: CanLog) -> CanFrames:
-    time, begin, identifier, length = array("d"), array("q"), array("I"), array("B")
-    is_extended, channel = array("B"), array("h")
-    data = bytearray()
+    return next(_collected(log))
+
+
+class _Columns:
+    """Data frames that are collected one by one."""
+
+    def __init__(self) -> None:
+        self.time, self.begin, self.identifier = array("d"), array("q"), array("I")
+        self.length, self.is_extended, self.channel = array("B"), array("B"), array("h")
+        self.data = bytearray()
+
+    def add(self, message: can.Message, channel: int) -> None:
+        """One more frame, on the channel of a number."""
+        self.begin.append(len(self.data))
+        self.data += message.data
+        self.time.append(message.timestamp)
+        self.identifier.append(message.arbitration_id)
+        self.length.append(len(message.data))
+        self.is_extended.append(message.is_extended_id)
+        self.channel.append(channel)
+
+    def frames(self, seconds: NDArray[np.float64], channels: Iterable[Any], losses: Sequence[str]) -> CanFrames:
+        """The frames, at times [s] that may be others than those of the log."""
+        return CanFrames(
+            seconds,
+            np.array(self.identifier, np.uint32),
+            np.array(self.is_extended, bool),
+            np.array(self.channel, np.int16),
+            tuple("" if name is None else str(name) for name in channels),
+            np.array(self.length, np.int64),
+            np.array(self.begin, np.int64),
+            np.frombuffer(bytes(self.data), np.uint8),
+            tuple(losses),
+        )
+
+
+def _collected(log: CanLog, most: int | None = None) -> Iterator[CanFrames]:
+    """The data frames of a log, at most so many at a time."""
     numbers: dict[Any, int] = {}
+    columns = _Columns()
+    reported, are_steps, passed = 0, None, 0.0
+
+    def piece() -> CanFrames:
+        nonlocal reported, are_steps, passed
+        seconds = np.array(columns.time, np.float64)
+        losses = log.losses[reported:]
+        reported = len(log.losses)
+        if are_steps is None:
+            are_steps = log.format == "candump" and len(seconds) > 10 and np.mean(np.diff(seconds) < 0) > 0.05
+            losses += ["the times are steps from frame to frame (candump -td); summed up"] if are_steps else []
+        if are_steps:
+            seconds = passed + np.cumsum(seconds)
+            passed = float(seconds[-1]) if len(seconds) else passed
+        return columns.frames(seconds, numbers, losses)
+
     for message in log:
         if message.is_error_frame or message.is_remote_frame:
             continue
-        begin.append(len(data))
-        data += message.data
-        time.append(message.timestamp)
-        identifier.append(message.arbitration_id)
-        length.append(len(message.data))
-        is_extended.append(message.is_extended_id)
-        number = numbers.get(message.channel)
-        if number is None:
-            number = numbers[message.channel] = len(numbers)
-        channel.append(number)
-    seconds = np.array(time, np.float64)
-    losses = list(log.losses)
-    if log.format == "candump" and len(seconds) > 10 and np.mean(np.diff(seconds) < 0) > 0.05:
-        seconds = np.cumsum(seconds)  # candump -td
-        losses.append("the times are steps from frame to frame (candump -td); summed up")
-    return CanFrames(
-        seconds,
-        np.array(identifier, np.uint32),
-        np.array(is_extended, bool),
-        np.array(channel, np.int16),
-        tuple("" if name is None else str(name) for name in numbers),
-        np.array(length, np.int64),
-        np.array(begin, np.int64),
-        np.frombuffer(bytes(data), np.uint8),
-        tuple(losses),
-    )
+        number = numbers.setdefault(message.channel, len(numbers))
+        if most is not None and len(columns.time) == most:
+            yield piece()
+            columns = _Columns()
+        columns.add(message, number)
+    yield piece()
 
 
 def _candump(log: CanLog) -> Iterator[can.Message]:

@@ -6,7 +6,7 @@ The checks are those of the driver: counters, checksums, ranges. Frames are deco
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Collection, Iterator, Sequence
 from pathlib import Path
 
 import numpy as np
@@ -16,7 +16,7 @@ from vsense_ros.bag.importers import build, can_buses
 from vsense_ros.bag.importers.build import Array, Stamps
 from vsense_ros.driver.can import CanDecoder
 from vsense_ros.driver.can_frames import CanFrames
-from vsense_ros.driver.can_log import format_of, read_frames
+from vsense_ros.driver.can_log import format_of, frames_in_pieces, read_frames
 from vsense_ros.driver.can_mapping import AnyOutput, ImuOutput, JointStateOutput
 from vsense_ros.driver.can_motion import MotionBase
 from vsense_ros.driver.samples import ABSENT, UNMEASURED_VARIANCE
@@ -28,6 +28,8 @@ DESCRIPTION = (
     "CAN log with a database and a mapping (candump, .asc, .blf, .trc, GVRET .csv, .mf4, BUSMASTER, CRTD, Vehicle Spy)"
 )
 NEEDS = ("dbc",)  # without a database an MDF4 file is one of signals
+
+_FRAME = 64  # [byte] that a frame takes in a log as text, about
 
 _Part = tuple[AnyOutput, Stamps, Stamps, dict[str, Array]]  # stamps of measurement and arrival, values by name
 
@@ -55,19 +57,67 @@ def read(
     return decoded(path, read_frames(path), decoders)
 
 
+def pieces(
+    path: Path,
+    size: int,
+    *,
+    dbc: str | Path | Sequence[str | Path] | None = None,
+    mapping: str | Path | Sequence[str | Path] | None = None,
+    channel: str | int | None = None,
+) -> Iterator[Recording]:
+    """The topics of the log in pieces of about `size` bytes of frames, which follow each other in time."""
+    decoders = decoders_of(path, dbc, mapping, channel)
+    buses: list[str | int | None] | None = None
+    came: set[str] = set()
+    passed = ""
+    for frames in frames_in_pieces(path, max(size // _FRAME, 1)):
+        notes = _notes(path, frames, decoders)
+        buses = can_buses.assigned(path, decoders, frames, notes) if buses is None else buses
+        parts, passed = _parts(path, frames, decoders, buses, notes, is_piece=True)
+        came |= {part[0].message for part in parts}
+        yield _recording(path, frames, parts, notes)
+    yield Recording({}, path.stem, tuple(_missing(path, decoders, came, passed)), 0, {"source": NAME})
+
+
 def decoded(path: Path, frames: CanFrames, decoders: Sequence[CanDecoder]) -> Recording:
     """The topics that decoders make of the frames of a file. Raises `InputError` if none of their messages is there."""
+    notes = _notes(path, frames, decoders)
+    buses = can_buses.assigned(path, decoders, frames, notes)
+    parts, passed = _parts(path, frames, decoders, buses, notes)
+    notes += _missing(path, decoders, {part[0].message for part in parts}, passed)
+    return _recording(path, frames, parts, notes)
+
+
+def _notes(path: Path, frames: CanFrames, decoders: Sequence[CanDecoder]) -> list[str]:
+    """What the decoders and the reader of the log have to say."""
     notes = [*(note for decoder in decoders for note in decoder.notes), *frames.losses]
     if frames.counts_from_zero:
         notes.append(f"{path.name}: the log has no date; its times count from its start")
+    return notes
+
+
+def _parts(
+    path: Path,
+    frames: CanFrames,
+    decoders: Sequence[CanDecoder],
+    buses: Sequence[str | int | None],
+    notes: list[str],
+    *,
+    is_piece: bool = False,
+) -> tuple[list[_Part], str]:
+    """What the outputs of the mappings get, and which identifiers nothing listens to; in a piece a bus may be silent."""
     arrival = build.nanoseconds(frames.time)
     parts: list[_Part] = []
     passed = ""
-    for decoder, bus in zip(decoders, can_buses.assigned(path, decoders, frames, notes), strict=True):
-        rows = _of_channel(path, frames, bus)
-        own, passed = _decoded(decoder, frames, rows, arrival, notes)
+    for decoder, bus in zip(decoders, buses, strict=True):
+        if is_piece and bus is not None and str(bus) not in frames.channels:
+            continue
+        own, passed = _decoded(decoder, frames, _of_channel(path, frames, bus), arrival, notes)
         parts += own
-    notes += _missing(path, decoders, parts, passed)
+    return parts, passed
+
+
+def _recording(path: Path, frames: CanFrames, parts: Sequence[_Part], notes: Sequence[str]) -> Recording:
     topics = dict.fromkeys(part[0].topic for part in parts)
     channels = {topic: _channel(topic, [part for part in parts if part[0].topic == topic]) for topic in topics}
     damage = tuple(loss for loss in frames.losses if loss.startswith("unreadable after"))
@@ -92,15 +142,15 @@ def decoders_of(
     return can_buses.decoders(_several(dbc), _several(mapping), channel)
 
 
-def _missing(path: Path, decoders: Sequence[CanDecoder], parts: Sequence[_Part], passed: str) -> list[str]:
+def _missing(path: Path, decoders: Sequence[CanDecoder], came: Collection[str], passed: str) -> list[str]:
     """A note on the messages of the mappings that never came, beside the identifiers that nothing listens to. Raises
     `InputError` where none of the messages came."""
     outputs = [output for decoder in decoders for output in decoder.mapping.outputs]
-    if not parts:
+    if not came:
         heard = f"; identifiers that came: {passed}" if passed else ""
         wanted = ", ".join(dict.fromkeys(output.message for output in outputs))
         raise InputError(f"{path}: none of the messages that the mapping uses ({wanted}) is in the log{heard}")
-    never = {output.message for output in outputs} - {part[0].message for part in parts}
+    never = {output.message for output in outputs} - set(came)
     if not never:
         return []
     return [f"never came: {', '.join(sorted(never))}; what came and nothing listens to: {passed or 'nothing'}"]
