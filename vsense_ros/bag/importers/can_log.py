@@ -105,7 +105,7 @@ def _parts(
     *,
     is_piece: bool = False,
 ) -> tuple[list[_Part], str]:
-    """What the outputs of the mappings get, and which identifiers nothing listens to; in a piece a bus may be silent."""
+    """What the outputs of the mappings get, and identifiers that nothing listens to; a bus may be silent in a piece."""
     arrival = build.nanoseconds(frames.time)
     parts: list[_Part] = []
     passed = ""
