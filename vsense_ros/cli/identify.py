@@ -50,7 +50,8 @@ def identify(
       vsense identify drive --vehicle rav4 --model car --free chassis.mass
 
     The values of the vehicle file are taken to be known to about 30 %. Parameters that the drives cannot determine keep
-    their values and are listed by name, with the driving that would determine them. Writes into --report: vehicle.yaml,
+    their values and are listed by name, with the driving that would determine them. If the observer predicts the course
+    worse with the new values while it does not hear GNSS, the file keeps its own. Writes into --report: vehicle.yaml,
     which every other command takes as --vehicle, report.html and identification.json.
     """
     from vsense_ros.api.identification import identify as identified

@@ -135,8 +135,9 @@ def calibrate(recordings: tuple[Path, ...], vehicle: str, output: Path | None, a
 
     Rolling radii, steering ratio and offset, mounting of the inertial sensor, place of the antenna, latencies, noise,
     and the cornering stiffness of the axles. Writes a new vehicle file, with what changed, by how much and how sure
-    that is. What the drives do not determine stays as it is, and it says what to drive next. References are not
-    looked at.
+    that is. What the drives do not determine stays as it is, and it says what to drive next. At the end the observer
+    predicts the course in stretches whose GNSS it does not hear, with the file before and after: what makes that worse
+    is refused. References are not looked at.
 
     \b
     Examples:
