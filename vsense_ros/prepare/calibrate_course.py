@@ -1,11 +1,12 @@
-"""The course of GNSS against the integrated yaw rate: bias of the gyro, latency, place of the antenna, rear tyres.
+"""The course of GNSS against the integrated yaw rate: bias and scale of the gyro, latency, antenna, rear tyres.
 
 At the antenna the course is ahead of the heading by the side slip there, (x + l) r / V - k V r, with the distance x + l
 of the antenna from the rear axle and the cornering compliance k of that axle. Over a stretch of the drive,
 
-    course - ∫ r dt = constant - b t - τ r + (x + l) r / V - k V r,
+    course - ∫ r dt = constant - b t - τ r + (x + l) r / V - k V r - s ∫ r dt,
 
-where b is the bias of the gyro and τ how much older the course is than the yaw rate. All of it is linear, and neither a
+where b is the bias of the gyro, s the error of its scale, and τ how much older the course is than the yaw rate. Without
+the scale its error passes for latency. All of it is linear, and neither a
 heading nor a side slip needs to be measured (compare Bevly et al. 2006, IEEE Trans. Vehicular Technology 55(6)).
 """
 
@@ -29,6 +30,7 @@ Array = NDArray[np.float64]
 _LATENCY = 0.05  # [s] that a receiver or a bus may be late, standard deviation where the file does not say
 _PLACE = 0.5  # [m] that an antenna may be off, likewise
 _COMPLIANCE = 0.3  # [-] of its value, likewise
+_SCALE = 0.01  # [-] of a gyro's scale, standard deviation: data sheets say up to ±3 % (InvenSense MPU-6050)
 _SMALLEST_LATENCY = 0.002  # [s] that is worth a change
 
 
@@ -53,7 +55,7 @@ def relative_compliance(car: Vehicle, axle: str) -> float:
 
 
 def course(drives: Sequence[CalibrationDrive], car: Vehicle) -> Iterator[Calibrated]:
-    """Bias of the yaw rate, latency between GNSS and the gyro, place of the antenna ahead, rear cornering stiffness."""
+    """Bias and scale of the yaw rate, latency between GNSS and the gyro, place of the antenna ahead, rear tyres."""
     antenna = next((s for s in car.sensors.values() if isinstance(s, Antenna) and s.kind == "gnss_velocity"), None)
     imu = next(((name, s) for name, s in car.sensors.items() if isinstance(s, Imu)), None)
     blocks = [block for drive in drives for block in _blocks(drive)]
@@ -62,13 +64,13 @@ def course(drives: Sequence[CalibrationDrive], car: Vehicle) -> Iterator[Calibra
     arm, slip = car.physics.chassis.cog_to_rear_axle, rear_compliance(car)
     places = [name for name, s in car.sensors.items() if isinstance(s, Antenna)]
     stated = [car.uncertainty[p].deviation for n in places if (p := f"sensors.{n}.position") in car.uncertainty]
-    bias, place = imu[1].rate_offset[2], antenna.position[0]
-    mean = np.array([-bias, 0.0, arm + place, -slip])
-    prior = np.array(
-        [max(imu[1].rate_bias, 1e-4), _LATENCY, max(stated, default=_PLACE), relative_compliance(car, "rear") * slip]
-    )
+    bias, scale, place = imu[1].rate_offset[2], imu[1].rate_scale[2], antenna.position[0]
+    mean = np.array([-bias, 0.0, arm + place, -slip, -scale])
+    places_off, slip_off = max(stated, default=_PLACE), relative_compliance(car, "rear") * slip
+    prior = np.array([max(imu[1].rate_bias, 1e-4), _LATENCY, places_off, slip_off, _SCALE])
     found = together(posterior(blocks, mean, prior))  # latency, place and slip all turn the course in bends
     yield _gyro(imu[0], bias, found)
+    yield _scale(imu[0], scale, found)
     yield _latency(car, imu[0], found)
     yield _antenna(places, car, place, found)
     yield _rear(car, found)
@@ -86,8 +88,7 @@ def _blocks(drive: CalibrationDrive) -> Iterator[tuple[Array, Array]]:
         v, r = speed[rows], rate[rows]
         heading = np.cumsum(r) * CALIBRATION.step
         y = np.unwrap(np.arctan2(north[rows], east[rows])) - heading
-        x = np.column_stack([drive.t[rows], r, r / v, v * r])
-        x = x * [1.0, -1.0, 1.0, 1.0]
+        x = np.column_stack([drive.t[rows], -r, r / v, v * r, heading])
         weight = v / v.mean()
         centre = weight @ np.column_stack([x, y]) / weight.sum()
         yield (x - centre[:-1]) * v[:, None], (y - centre[-1]) * v
@@ -99,6 +100,15 @@ def _gyro(name: str, before: float, found: Posterior) -> Calibrated:
         "bias of the yaw rate", "rad/s", before, after, float(found.prior[0]), deviation,
         {f"sensors.{name}.rate_offset.2": Change(_rounded(after, 1e-6), deviation)},
         "any drive with GNSS of a few minutes",
+    )  # fmt: skip
+
+
+def _scale(name: str, before: float, found: Posterior) -> Calibrated:
+    after, deviation = -float(found.values[4]), float(found.deviations[4])
+    return Calibrated(
+        "error of the yaw rate's scale", "-", before, after, float(found.prior[4]), deviation,
+        {f"sensors.{name}.rate_scale.2": Change(_rounded(after, 1e-5), deviation)},
+        "full turns in both directions with GNSS, such as roundabouts",
     )  # fmt: skip
 
 
