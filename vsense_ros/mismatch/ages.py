@@ -37,8 +37,9 @@ class LagSearchSettings:
     step: float = 0.05  # [s] between the values that are compared
     span: float = 0.3  # [s] of the means
     least_lag: float = 0.3  # [s] of a lag; a smaller one is left to the fit, and cars take as long to respond
-    # [s] of a gyro behind the course, beyond the time of a wheelbase: so far a front may lead, and nothing responds
-    least_rigid_lag: float = 0.05
+    # [s] of a gyro behind the course, beyond the time that a car takes from its rear axle to the antenna, by which the
+    # course of the antenna may lead
+    least_rigid_lag: float = 0.1
     least_explained: float = 2.0  # [-] unexplained variance without that lag, over that with it
     rigid_clearance: float = 0.02  # [-] as `clearance`, of that lag
     agreement: float = 0.25  # [s] within which recordings, and groups of a sensor, are equally late
@@ -82,14 +83,16 @@ def _lags(windows: Sequence[Window], sensors: Mapping[str, SensorBase], vehicle:
     """The lags between all sources that measure one motion well enough.
 
     A steered wheel leads the motion that answers it, and an accelerometer ahead of the centre of gravity leads as well.
-    Gyro and course are of one rigid body: the course leads by the time of a wheelbase at most, where the antenna is far
-    ahead of the rear axle, so that a gyro that is later than that is late.
+    Gyro and course are of one rigid body: without slip the course leads by the time that the car takes from its rear
+    axle to the antenna, with slip by less, so that a gyro that is later than that is late.
     """
-    chassis = vehicle.physics.chassis
     speed = float(np.nanmedian(np.concatenate([w.speed.value[:, 0] for w in windows])))
     name = best_measuring(sensors.items(), "course")
-    course = None if name is None else sensors[name].kind
-    led = (chassis.cog_to_front_axle + chassis.cog_to_rear_axle) / max(speed, WINDOWS.slowest)
+    course, ahead = None, vehicle.physics.chassis.cog_to_rear_axle
+    if name is not None:
+        course = sensors[name].kind
+        ahead += float(np.asarray(getattr(sensors[name], "position", np.zeros(3)))[0])
+    led = ahead / max(speed, WINDOWS.slowest)
     lags: dict[tuple[Source, Source], float] = {}
     for signals, least in zip(
         _motions(windows, sensors, vehicle), (LAG_SEARCH.least_turning, LAG_SEARCH.least_acceleration), strict=True
