@@ -10,7 +10,7 @@ import pytest
 
 from sources import DEVIATION, SECOND, Gyro, message
 from vsense_ros.estimation.filter import Array
-from vsense_ros.estimation.reading import Map, Reader, noise_at_start
+from vsense_ros.estimation.reading import Map, Reader, StatedNoise, noise_at_start
 from vsense_ros.estimation.timeline import Event
 from vsense_ros.messages.recording import Channel, Recording, Sample
 
@@ -104,7 +104,13 @@ def test_noise_at_start_is_that_of_the_first_message_that_can_be_read() -> None:
     columns = {"vector": np.array([[np.nan, np.nan, 1.0], [0.1, 0.2, 0.04]])}
     recording = Recording({"gyro": Channel("gyro", Gyro().message, stamps, stamps, columns, "body")})
     told = noise_at_start(recording, {"gyro": Variances(), "absent": Gyro(topic="other")})
-    assert told == {"gyro": "0.2 rad/s, of its messages; file 0.1 rad/s"}
+    assert told["gyro"].words == "0.2 rad/s, of its messages; file 0.1 rad/s"
+    assert list(told) == ["gyro"]
+
+
+@pytest.mark.parametrize(("stated", "doubted"), [(0.1, False), (2.0, False), (5.8, True), (1e3, True), (1e-3, False)])
+def test_a_standard_deviation_that_is_many_times_that_of_the_file_is_doubted(stated: float, doubted: bool) -> None:
+    assert bool(StatedNoise("…", stated / DEVIATION).doubt) == doubted
 
 
 # The map

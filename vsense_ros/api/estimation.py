@@ -88,7 +88,10 @@ def prepare(source: Source, vehicle: str | Path | Vehicle, *, mend: bool = False
     if heading and not any(topic in recording for topic in heading):
         doubts.append(f"none of {', '.join(heading)} is in the recording: the car's heading on the map stays unknown")
     for sensor, noise in noise_at_start(recording, car.sensing()).items():
-        notes.append(f"{sensor}: standard deviation {noise}")
+        if noise.doubt:
+            doubts.append(f"{sensor}: {noise.doubt}")
+        else:
+            notes.append(f"{sensor}: standard deviation {noise.words}")
     return Task(recording, car, tuple(filter(None, doubts)), tuple(notes))
 
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator, Sequence
 
-from vsense_ros.checks import clocks, consistency, units, values
+from vsense_ros.checks import clocks, consistency, reference, units, values
 from vsense_ros.checks.conventions import decided
 from vsense_ros.checks.correcting import mended
 from vsense_ros.checks.finding import Confidence, Finding, Kind
@@ -56,7 +56,7 @@ OF_MOTION: tuple[Check, ...] = (
 )  # fmt: skip
 OF_VALUES: tuple[Check, ...] = (
     usable, values.held, values.jumps, values.quantised, values.frozen_gnss, clocks.apart, clocks.running,
-    clocks.repeated,
+    clocks.repeated, reference.contradictions,
 )  # fmt: skip
 
 

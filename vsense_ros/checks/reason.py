@@ -24,6 +24,10 @@ class Reason(Enum):
     RATE_SIZE = "{signal} is {ratio:.3f} times {against}, expected 1"
     WHEELS_UNIT = "look like {given}, expected rad/s: GNSS speed is {ratio:.4f} times their values"
     WHEELS_RADIUS = "GNSS speed is {ratio:.4f} m times their values, which is no rolling radius of a car"
+    WHEELS_RADIUS_OF_FILE = (
+        "GNSS speed is {ratio:.3f} m times their values, and the rolling radius of the vehicle file {known:.3f} m: "
+        "other tyres, or a diameter?"
+    )
     WHEEL_RATIO = "{signal} turns {ratio:.2f} times as fast as the others"
     STEERING_RANGE = "{signal} reaches {largest:.1f} rad, which no car does: is it in degrees?"
     STEERING_SIZE = "{signal} is {ratio:.0f} s times the yaw rate, which is too much for rad: is it in degrees?"
@@ -106,6 +110,21 @@ class Reason(Enum):
     STAMPS_OLD = "time stamps are {latency:.3f} s older than the arrival (median): is a clock wrong?"
     ENDS_EARLY = "ends {apart:.1f} s before the others"
     BEGINS_LATE = "begins {apart:.1f} s after the others"
+    # the reference
+    REFERENCE_SPEED = (
+        "its speed is {ratio:.3g} times the change of its position, expected 1: is it in another unit than m/s?"
+    )
+    REFERENCE_AXES = "its velocity, turned by its heading, is not the change of its position: it looks as if {actual}"
+    REFERENCE_UNLIKE = "its velocity, turned by its heading, is not the change of its position"
+    REFERENCE_ANGLE = (
+        "its velocity, turned by its heading, points {angle:+.0f}° beside the change of its position: is the heading "
+        "that from north, or that of another axis than the car's?"
+    )
+    REFERENCE_YAW_RATE = (
+        "its yaw rate is {ratio:.3g} times the change of its heading, expected 1 (rad/s, positive to the left)"
+    )
+    REFERENCE_SPEED_BY_GNSS = "its speed is {ratio:.3g} times that of {against}, expected 1"
+    REFERENCE_LATE = "lies {behind}: the comparison charges that to the estimates; is its clock another one?"
     # messages
     COPIES = "{count:.0f} messages come a second time with the time stamp of an earlier one"
     SAME_STAMP = "{count:.0f} messages have the time stamp of the one before them"

@@ -120,6 +120,9 @@ def rolling(subject: Subject, _: Sequence[Finding]) -> Iterator[Finding]:
             return
     if not SETTINGS.least_radius < radius < SETTINGS.largest_radius:
         yield Finding(wheels, Kind.UNIT, Reason.WHEELS_RADIUS, against=velocity, evidence={"ratio": radius})
+    elif known is not None:
+        evidence = {"ratio": radius, "known": known}
+        yield Finding(wheels, Kind.UNIT, Reason.WHEELS_RADIUS_OF_FILE, against=velocity, evidence=evidence)
 
 
 def _radius_is_sure(motion: Motion) -> bool:

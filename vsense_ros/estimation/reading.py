@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
 from functools import lru_cache, partial
 from typing import NamedTuple
 
@@ -195,8 +196,38 @@ class Reader:
         return Event(self._index, sample.stamp - self._latency, value, variance)
 
 
-def noise_at_start(recording: Recording, sensors: Mapping[str, Source]) -> dict[str, str]:
-    """In words, by sensor, which standard deviations count with its first message that can be read."""
+@dataclass(frozen=True)
+class NoiseSettings:
+    """When a standard deviation that messages state is taken for one in another unit: a decision of this project."""
+
+    larger: float = 30.0  # [-] times that of the vehicle file; km/h is 3.6 times m/s, centimetres 100 times metres
+
+
+NOISE = NoiseSettings()
+
+
+@dataclass(frozen=True)
+class StatedNoise:
+    """Which standard deviations count with the messages of a sensor, in words, and the largest of them over that of the
+    vehicle file."""
+
+    words: str
+    ratio: float
+
+    @property
+    def doubt(self) -> str:
+        """What is doubtful about them, in words; empty for nothing."""
+        if self.ratio <= NOISE.larger:
+            return ""
+        return (
+            f"standard deviation {self.words}: {self.ratio:.0f} times that of the vehicle file, so that its "
+            "measurements hardly count; if its messages state another unit or a variance, correct the driver, or set "
+            "noise_from_message: false in the vehicle file"
+        )
+
+
+def noise_at_start(recording: Recording, sensors: Mapping[str, Source]) -> dict[str, StatedNoise]:
+    """By sensor, which standard deviations count with its first message that can be read."""
     found = {}
     for index, (name, sensor) in enumerate(sensors.items()):
         if sensor.topic not in recording:
@@ -205,7 +236,8 @@ def noise_at_start(recording: Recording, sensors: Mapping[str, Source]) -> dict[
         events = (reader.read(sample) for sample in recording[sensor.topic].in_order())
         first = next((event for event in events if isinstance(event, Event)), None)
         if first is not None and (words := reader.noise(first.variance)):
-            found[name] = words
+            ratio = float(np.sqrt(np.max(first.variance / sensor.deviations() ** 2)))
+            found[name] = StatedNoise(words, ratio)
     return found
 
 

@@ -40,8 +40,8 @@ class GnssPosition(Antenna):
         Quantity("position.north", "m", "of the antenna, from the map's origin"),
     )
     components: ClassVar[tuple[Component, ...]] = (
-        Component("east", "GNSS position to the east"),
-        Component("north", "GNSS position to the north"),
+        Component("east", "GNSS position to the east", "m"),
+        Component("north", "GNSS position to the north", "m"),
     )
     # Steps of latitude, longitude [deg] and height [m].
     sampling: ClassVar[Sampling | None] = Sampling(100, 0, 100, (2**-27, 2**-27, 2**-10), own_clock=True)

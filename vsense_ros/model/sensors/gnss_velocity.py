@@ -45,8 +45,8 @@ class GnssVelocity(Antenna):
         Quantity("velocity.north", "m/s", "of the antenna"),
     )
     components: ClassVar[tuple[Component, ...]] = (
-        Component("east", "GNSS velocity to the east"),
-        Component("north", "GNSS velocity to the north"),
+        Component("east", "GNSS velocity to the east", "m/s"),
+        Component("north", "GNSS velocity to the north", "m/s"),
     )
     signals: ClassVar[tuple[ComparedSignal, ...]] = (
         ComparedSignal("ground_speed", "m/s", _ground_speed, 0.03),
