@@ -13,14 +13,14 @@ from click.testing import CliRunner
 from vsense_ros.bag import read_bag, write_bag
 from vsense_ros.cli import main
 from vsense_ros.errors import InputError
-from vsense_ros.estimation.regression import Posterior, posterior
+from vsense_ros.estimation.regression import posterior
 from vsense_ros.files.installed import vehicle_path
 from vsense_ros.files.vehicle import load_vehicle
 from vsense_ros.manoeuvre import generate
 from vsense_ros.messages.recording import Recording
 from vsense_ros.model.simulation.closed_loop import rolling_radii
 from vsense_ros.model.vehicle import Vehicle
-from vsense_ros.prepare.calibrated import Calibrated, Change, apply, together
+from vsense_ros.prepare.calibrated import Calibrated, Change, apply
 from vsense_ros.prepare.calibration import Calibration, calibrate
 from vsense_ros.prepare.catalogue import catalogue_values
 from vsense_ros.prepare.new_vehicle import new_vehicle, write_new_vehicle
@@ -137,32 +137,6 @@ def test_a_regression_of_independent_errors_is_that_of_the_textbook():
     assert found.values == pytest.approx(expected, abs=1e-6)
     textbook = np.sqrt(np.diag(np.linalg.inv(x.T @ x))) * 0.3
     assert found.deviations == pytest.approx(textbook, rel=0.35)
-
-
-def correlated_posterior(mean: np.ndarray, prior: np.ndarray) -> tuple[Posterior, np.ndarray, np.ndarray]:
-    """A posterior of two columns that are alike but for a tenth, with the columns (n, 2) and the values (n,)."""
-    rng = np.random.default_rng(2)
-    turning, other = rng.normal(size=(2, 3000))
-    x = np.column_stack([turning, turning + 0.1 * other])
-    y = x @ [0.05, 0.0] + rng.normal(0, 0.3, 3000)
-    return posterior([(x[i : i + 100], y[i : i + 100]) for i in range(0, 3000, 100)], mean, prior), x, y
-
-
-def test_a_coefficient_given_another_one_is_that_of_a_regression_with_this_one_known():
-    found, x, y = correlated_posterior(np.array([0.0, 0.03]), np.array([1e3, 1e3]))
-    expected = np.linalg.lstsq(x[:, :1], y - 0.03 * x[:, 1], rcond=None)[0]
-    assert found.given(np.array([False, True])) == pytest.approx([expected[0], 0.03], abs=1e-6)
-    assert found.given(np.array([False, False])) == pytest.approx(found.values)
-
-
-def test_what_changes_beside_a_number_that_stays_describes_the_drives_as_well_as_both_together():
-    found, x, y = correlated_posterior(np.zeros(2), np.array([1.0, 0.01]))
-    changed = together(found)
-    assert found.left[1] > 0.6
-    stays = np.array([changed.values[0], 0.0])
-    apart = np.array([found.values[0], 0.0])
-    assert np.mean((y - x @ stays) ** 2) < np.mean((y - x @ apart) ** 2)
-    assert changed.deviations == pytest.approx(found.deviations)
 
 
 def test_errors_that_last_as_long_as_a_block_do_not_count_as_many():

@@ -15,13 +15,11 @@ _WEAK = 100.0  # [-] prior deviations that the coefficients of the data alone ma
 
 @dataclass(frozen=True)
 class Posterior:
-    """Coefficients (k,) with their covariance (k, k), and the means (k,) and standard deviations (k,) that they had
-    before."""
+    """Coefficients (k,) with their covariance (k, k), and the standard deviations (k,) that they had before."""
 
     values: Array
     covariance: Array
     prior: Array
-    mean: Array
 
     @property
     def deviations(self) -> Array:
@@ -32,16 +30,6 @@ class Posterior:
     def left(self) -> Array:
         """Share of the prior standard deviation that remains, (k,)."""
         return self.deviations / self.prior
-
-    def given(self, kept: NDArray[np.bool_]) -> Array:
-        """Coefficients (k,) of which the `kept` ones have their prior means, and the others the values that are
-        likeliest with these: the conditional mean of a normal distribution."""
-        values = np.where(kept, self.mean, self.values)
-        if kept.any():
-            across = self.covariance[np.ix_(~kept, kept)]
-            off = (self.mean - self.values)[kept]
-            values[~kept] += across @ np.linalg.solve(self.covariance[np.ix_(kept, kept)], off)
-        return values
 
 
 def posterior(blocks: Sequence[tuple[Array, Array]], mean: Array, prior: Array) -> Posterior:
@@ -66,4 +54,4 @@ def posterior(blocks: Sequence[tuple[Array, Array]], mean: Array, prior: Array) 
         effect = few * max(float(np.median(np.sum(sums**2, axis=0) / np.maximum(variance * power, 1e-300))), 1.0)
         information = x.T @ x / (variance * effect) + before
         at = np.linalg.solve(information, x.T @ y / (variance * effect) + before @ mean)
-    return Posterior(at, np.linalg.inv(information), prior, mean)
+    return Posterior(at, np.linalg.inv(information), prior)

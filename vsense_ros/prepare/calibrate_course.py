@@ -22,7 +22,7 @@ from vsense_ros.model.handling.base import slopes, static_loads
 from vsense_ros.model.sensors import Imu, Steering, WheelSpeeds
 from vsense_ros.model.sensors.gnss import Antenna, Receiver
 from vsense_ros.model.vehicle import Vehicle
-from vsense_ros.prepare.calibrated import Calibrated, Change, together
+from vsense_ros.prepare.calibrated import Calibrated, Change
 from vsense_ros.prepare.calibration_drive import CALIBRATION, CalibrationDrive
 
 Array = NDArray[np.float64]
@@ -68,7 +68,7 @@ def course(drives: Sequence[CalibrationDrive], car: Vehicle) -> Iterator[Calibra
     mean = np.array([-bias, 0.0, arm + place, -slip, -scale])
     places_off, slip_off = max(stated, default=_PLACE), relative_compliance(car, "rear") * slip
     prior = np.array([max(imu[1].rate_bias, 1e-4), _LATENCY, places_off, slip_off, _SCALE])
-    found = together(posterior(blocks, mean, prior))  # latency, place and slip all turn the course in bends
+    found = posterior(blocks, mean, prior)
     yield _gyro(imu[0], bias, found)
     yield _scale(imu[0], scale, found)
     yield _latency(car, imu[0], found)

@@ -15,7 +15,7 @@ from vsense_ros.estimation.regression import posterior
 from vsense_ros.model.sensors import Steering
 from vsense_ros.model.vehicle import Vehicle
 from vsense_ros.prepare.calibrate_course import compliance, relative_compliance
-from vsense_ros.prepare.calibrated import Calibrated, Change, together
+from vsense_ros.prepare.calibrated import Calibrated, Change
 from vsense_ros.prepare.calibration_drive import CalibrationDrive
 
 Array = NDArray[np.float64]
@@ -47,7 +47,7 @@ def steering(drives: Sequence[CalibrationDrive], car: Vehicle) -> Iterator[Calib
     stated = _relative_deviation(car, path, before)
     spread = np.hypot(relative_compliance(car, "front") * front, relative_compliance(car, "rear") * rear)
     prior = np.array([stated, spread, max(around.steering_offset, 1e-4), _LAG])
-    found = together(posterior(blocks, np.array([1.0, front - rear, 0.0, 0.0]), prior))
+    found = posterior(blocks, np.array([1.0, front - rear, 0.0, 0.0]), prior)
     share, known = float(found.values[0]), float(found.deviations[0])
     yield _gain(name, before, stated, share, known) if own else _ratio(before, stated, share, known)
     yield _offset(float(found.values[2]) / share, float(found.deviations[2]) / share, around.steering_offset)

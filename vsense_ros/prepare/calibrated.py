@@ -3,38 +3,18 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from math import hypot
 from typing import Any
 
-import numpy as np
 from pydantic import ValidationError
 
 from vsense_ros.errors import InputError
-from vsense_ros.estimation.regression import Posterior
 from vsense_ros.model.schema.uncertainty import Uncertainty
 from vsense_ros.model.vehicle import Vehicle
 
 # A quantity is determined if the drives leave no more of what was uncertain than this share.
 DETERMINED_SHARE = 0.6
-
-
-def together(found: Posterior) -> Posterior:
-    """The posterior with the values that changed numbers of a file must have beside those that stay.
-
-    Correlated coefficients belong together: one that is changed to its joint estimate while another one stays as in
-    the file describes the drives worse than either pair. So each is estimated given those that stay, because the
-    drives leave too much uncertain of them, or agree with the file within a standard deviation. Those keep the values
-    that they were judged by, and deviations are those of the joint estimate: what stays is not known any better.
-    """
-    values, kept = found.values, np.zeros(len(found.values), dtype=bool)
-    while True:
-        agrees = np.abs(values - found.mean) <= found.deviations
-        more = kept | (found.left > DETERMINED_SHARE) | agrees
-        if (more == kept).all():
-            return replace(found, values=values)
-        kept = more
-        values = np.where(kept, values, found.given(kept))
 
 
 @dataclass(frozen=True)
