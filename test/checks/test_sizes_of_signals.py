@@ -160,6 +160,15 @@ def test_a_small_wheel_and_an_antenna_beside_the_car_in_a_bend_are_not_taken_for
         assert reasons(list(rolling(subject_of(in_kmh(bend)), []))) == expected
 
 
+def test_a_small_wheel_that_slips_while_the_car_brakes_all_the_time_is_not_taken_for_km_per_hour():
+    """A wheel of 0.269 m with a slip of 2 % rolls at 0.2746 m, 1 % from km/h."""
+    t = np.arange(0.0, 10.0, 0.02)
+    for braking, expected in ((0.0, [Reason.WHEELS_UNIT]), (2.0, [])):
+        speed = 30.0 - braking * t
+        drive = {"east": speed, "north": 0 * t, **dict.fromkeys(WHEEL_SIGNALS, speed / 0.2746)}
+        assert reasons(list(rolling(subject_of(drive), []))) == expected
+
+
 @settings(max_examples=10, deadline=None)
 @given(heading=st.floats(-3, 3))
 def test_findings_of_wheels_do_not_depend_on_where_a_drive_leads(heading):

@@ -37,6 +37,9 @@ class UnitSettings:
     spin_unit: float = setting(0.4, "-", "relative error of a usual car's rolling radius")
     least_driving: float = setting(1.0, "s", "in which wheels are compared with GNSS", JUDGEMENT)
     radius_scatter: float = setting(0.1, "-", "of the radius, beyond which it is not determined", JUDGEMENT)
+    steady: float = setting(
+        0.5, "m/s²", "mean acceleration, below which slip by driving and braking cancels", JUDGEMENT
+    )
     antenna: float = setting(2.0, "m", "that an antenna may be beside the middle of a car", JUDGEMENT)
     antenna_share: float = setting(0.01, "-", "of the speed by which such an antenna may be faster", JUDGEMENT)
     road_wheel: float = setting(1.2, "rad", "largest angle of a road wheel", "taxis reach 1.0 rad")
@@ -126,8 +129,12 @@ def rolling(subject: Subject, _: Sequence[Finding]) -> Iterator[Finding]:
 
 
 def _radius_is_sure(motion: Motion) -> bool:
-    """True if a ratio near that of km/h cannot be a small wheel and an antenna beside the middle of the car, which is
-    faster than the wheels in bends to one side and slower in others."""
+    """True if a ratio near that of km/h cannot be a small wheel: one that slips as the car brakes or accelerates all
+    the time, or one of a car with an antenna beside its middle, which is faster than the wheels in bends to one side
+    and slower in others."""
+    speed = motion.speed[np.isfinite(motion.speed)]
+    if len(speed) and abs(speed[-1] - speed[0]) > SETTINGS.steady * len(speed) / motion.signals.rows(1.0):
+        return False
     if GNSS not in motion.turns:
         return True
     bent = motion.turns[GNSS] / motion.speed
