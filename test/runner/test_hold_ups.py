@@ -73,9 +73,6 @@ def undisturbed(lane_change: Recording, vehicle: Vehicle) -> Outcome:
 
 
 FAST = [(ALL, 0.3, True), (CAN, 1.0, False), (CAN, 1.0, True)]
-# Nothing is known of the car for one second to three in the middle of a lane change: what is estimated afterwards is
-# not as uncertain as it is wrong.
-BLIND = [(ALL, 1.0, False), (ALL, 1.0, True), (ALL, 3.0, True)]
 CASES = [
     *FAST,
     *(
@@ -83,7 +80,7 @@ CASES = [
         for topics in (ALL, CAN, (IMU,))
         for length in (0.3, 1.0, 3.0)
         for stamped_late in (False, True)
-        if (topics, length, stamped_late) not in FAST + BLIND
+        if (topics, length, stamped_late) not in FAST
     ),
 ]
 
@@ -104,6 +101,20 @@ def test_estimates_of_a_computer_that_was_held_up_are_as_uncertain_as_they_are_w
         assert result.nees[name] <= max(NEES, undisturbed.nees[name] + 0.1), (name, result)
     reported = [sentence for sentence in result.said if "those of arrival after a hold-up" in sentence]
     assert bool(reported) == stamped_late, result.said
+
+
+@pytest.mark.parametrize("silent", [(STEERING,), CAN, (IMU, *CAN)], ids=len)
+def test_without_steering_the_angle_is_as_uncertain_as_drivers_steer(
+    lane_change: Recording, vehicle: Vehicle, silent: tuple[str, ...]
+) -> None:
+    heard = {topic: channel for topic, channel in lane_change.channels.items() if topic not in silent}
+    scores = compare(run(replace(lane_change, channels=heard), vehicle).output, lane_change)
+    for name in ("side_slip", "lateral_velocity", "yaw"):
+        within, nees = scores[name].within_2s, scores[name].nees
+        assert within is not None
+        assert nees is not None
+        assert within >= WITHIN, (name, scores[name])
+        assert nees <= NEES, (name, scores[name])
 
 
 def test_an_observer_that_is_held_up_itself_loses_nothing(lane_change: Recording, vehicle: Vehicle) -> None:

@@ -41,6 +41,7 @@ _CONVERGED = np.array([0.5, 0.5, 0.02])  # [m/s], [m/s], [rad/s] deviations of v
 _SETTLED = 1.0  # [s] from the start on before which nothing counts as converged
 _TURNED_PLACE, _TURNED_YAW = 10.0, 0.1  # [m], [rad] deviations once the car has been turned around
 _UNDECIDED = 0, 1, 5  # elements of velocity and rates that an `Apart` is about
+_BENT = 0.06  # [rad] deviation of a heading from which on it bends a velocity; one that a course tells has 0.05
 _ALIKE = 0.9  # correlation of the errors of two parameters that can hardly be told apart
 
 
@@ -148,6 +149,14 @@ class CarAdapter(Adapter):
 
     def measured(self, event: Event) -> None:
         self.balance.measured(event)
+        if self.alignment.known and "course" in self.measures(event.sensor):
+            event.variance = event.variance + self._bend_of_course()
+
+    def _bend_of_course(self) -> float:
+        """Variance of a velocity over ground by an error of the heading to second order, which the linearised equation
+        lacks: the mean square of v ε²/2 with ε normally distributed (Jazwinski 1970, section 9.3) [m²/s²]."""
+        speed, turned = self.forward_speed, self.car.covariance.item(YAW, YAW)
+        return 0.75 * (speed * turned) ** 2 if turned > _BENT**2 else 0.0
 
     def accepts(self, event: Event) -> bool:
         return self.alignment.known or self.alignment.helps(event)

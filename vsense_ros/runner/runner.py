@@ -187,8 +187,8 @@ class Runner:
 
     def _use_in_time(self, event: Event) -> None:
         """Let the filter have a reading, at the time it was measured."""
-        self.adapter.measured(event)
         self.judges.before(self._timeline, event)
+        self.adapter.measured(event)
         self.judges.hear(event)
         if self._timeline.add(event):
             self.health[event.sensor].late += 1

@@ -24,6 +24,8 @@ from vsense_ros.runner.vote import Vote
 from vsense_ros.runner.vote_settings import STEERING, VOTE
 from vsense_ros.runner.yaw_witnesses import WITNESSES, YawWitnesses
 
+_LEAST_GAIN = 1e-3  # [m/s²/rad] for a division by what the steering does to a car at rest
+
 
 class SteeringJudge(Judge):
     """The steering sensor of one car, as far as the runner may leave it out; `out` has its place while it is."""
@@ -40,6 +42,7 @@ class SteeringJudge(Judge):
         self._recent: deque[tuple[int, float]] = deque(maxlen=STEERING.kept)  # stamps [ns] and angles [rad]
         self._wait = WITNESSES.agreed
         self._held = self._offset = 0.0  # angle and offset before it was left out [rad]
+        self._started = 0  # when the filter began [ns]
         self._widened = 0  # when its error was last given time to change [ns]
         self._given = nan, 0  # the newest angle that was believed [rad], and its stamp [ns]
         self._last = 0  # stamp of the newest angle [ns]
@@ -48,7 +51,7 @@ class SteeringJudge(Judge):
 
     def forget(self, stamp: int) -> None:
         self._witnesses.forget()
-        self._widened = stamp
+        self._widened = self._started = stamp
 
     @property
     def place(self) -> int:
@@ -113,7 +116,7 @@ class SteeringJudge(Judge):
         if not self.out:
             if self._witnesses.wrong:
                 self._leave_out(timeline, now)
-            elif self._last:
+            else:
                 self._bridge_silence(timeline, now)
         elif self._witnesses.agreed >= self._wait:
             self._believe(timeline, now)
@@ -126,15 +129,23 @@ class SteeringJudge(Judge):
         adapter, intake = self._adapter, self._adapter.intake
         health = intake.health[self.place]
         in_order = intake.is_in_order(self.place)
-        unheard = now - self._last if in_order else intake.newest_arrival - health.last_received
+        heard = self._last or self._started
+        unheard = now - heard if in_order else intake.newest_arrival - health.last_received
         silent = unheard > max(STEERING.unheard, 1e9 * STEERING.periods * health.period)
         if silent and not self._silent:
             timeline.catch_up()
-            self._offset, self._widened = adapter.steering_offset(), self._last
+            self._offset, self._widened = adapter.steering_offset(), heard
         if silent and now - self._widened >= STEERING.period:
-            timeline.add(self._widening(now, now - self._widened))
-            self._widened = now
+            self._widen_until(timeline, now)
         self._silent |= silent
+
+    def _widen_until(self, timeline: Timeline, now: int) -> None:
+        """Give the steering's error time to change until now [ns], at the times when it may have, as far as these can
+        happen again."""
+        density, period = self._density_at(abs(self._adapter.forward_speed)), STEERING.period
+        for at in range(self._widened + period, now + 1, period):
+            timeline.add(self._widening(max(at, timeline.oldest), period, density))
+            self._widened = at
 
     def before(self, timeline: Timeline, event: Event) -> None:
         in_order = self._adapter.intake.is_in_order(self.place)
@@ -145,8 +156,9 @@ class SteeringJudge(Judge):
             timeline.catch_up()
             if not self._silent:
                 self._silent, self._offset = True, self._adapter.steering_offset()
+            density = self._density_at(abs(self._adapter.forward_speed))
             for at in range(timeline.stamp + STEERING.period, event.stamp, STEERING.period):
-                timeline.add(self._widening(at, STEERING.period))
+                timeline.add(self._widening(at, STEERING.period, density))
             self._widened = timeline.stamp
         if self._silent and event.sensor == self.place and event.stamp > self._last:
             self._silent = False
@@ -203,11 +215,16 @@ class SteeringJudge(Judge):
         back = Move(error, self._offset - self._adapter.steering_offset(), self._adapter.usual_deviation(error))
         timeline.add(Event(self._shift, now, np.array(back), np.zeros(3), counted=True))
 
-    def _widening(self, stamp: int, time: int) -> Event:
+    def _density_at(self, speed: float) -> float:
+        """Density of the steering's error [rad²/s] at a speed [m/s], where no tyre turns the car faster than this."""
+        by_angle = self._witnesses.lateral_acceleration(speed)
+        return min(STEERING.density, STEERING.lateral_density / max(by_angle, _LEAST_GAIN) ** 2)
+
+    def _widening(self, stamp: int, time: int, density: float = STEERING.density) -> Event:
         """The event after which the steering's error may have changed for a time [ns]."""
         error = self._adapter.steering_error
         assert error is not None
-        change = Widening(error, STEERING.density * time * 1e-9)
+        change = Widening(error, density * time * 1e-9)
         return widening_event(self._shift, stamp, change)
 
 

@@ -69,9 +69,12 @@ class SteeringSettings:
     """What is known of a steering angle that is not believed: decisions of this project. Times are in ns."""
 
     density: float = 0.04  # [rad²/s] by which the variance of the road-wheel angle grows: 0.2 rad in a second
+    # [m²/s⁵] by which that of the lateral acceleration grows at most while no angle comes: the linear model
+    # would otherwise turn faster than tyres let a car turn, by angles of which no first order knows anything.
+    lateral_density: float = 25.0
     period: int = 50_000_000  # [ns] in which it does
     periods: float = 5.0  # [-] periods of the sensor in which no angle came, after which the driver may have steered
-    unheard: int = 200_000_000  # [ns] without any measurement, in which a driver may have steered
+    unheard: int = 100_000_000  # [ns] without any measurement, in which a driver may have steered
     before: int = 100_000_000  # [ns] before the contradiction, from which on the angle is not believed
     undecided: int = 500_000_000  # [ns] in which an angle that jumped is not believed yet
     kept: int = 64  # [-] newest angles that may be held

@@ -69,6 +69,7 @@ class YawWitnessSettings:
 
 
 WITNESSES = YawWitnessSettings()
+_LEAST_BASE = 0.2  # [-] of the wheelbase, that is left of it and of an understeer that is none
 _CRAWLING = 0.1  # [m/s] for a division by the speed, far below the slowest that is judged
 
 
@@ -99,6 +100,12 @@ class YawWitnesses:
     def possible(self) -> bool:
         """True if there is a steering angle, and a gyro that could contradict it."""
         return self._is_felt and self.steering >= 0
+
+    def lateral_acceleration(self, speed: float) -> float:
+        """Lateral acceleration per angle of the road wheels in steady cornering at a speed [m/s², per rad]."""
+        base = self._a + self._b
+        understeer = self._mass * (self._b / self._front - self._a / self._rear) / base
+        return speed**2 / max(base + understeer * speed**2, _LEAST_BASE * base)
 
     def forget(self) -> None:
         """The filter begins anew."""
