@@ -31,8 +31,8 @@ SPEED, STEP = 15.0, 0.004  # [m/s], [s]
 SLOTS, SLOT = 200, 2e-3  # measurements of a step, of so many seconds each
 LENGTHS = {  # [s] of recordings, by what is done with them
     "run": (12, 60, 240),
-    "calibrate": (60, 900, 3600, 10800),
-    "prepare explain": (60, 900, 3600, 10800),
+    "calibrate": (900, 3600, 10800),
+    "prepare explain": (900, 3600, 10800),
     "explain": (24, 60, 120, 240, 900),
 }
 PARAMETERS = ("chassis.mass", "road.friction", "chassis.yaw_inertia", "front.cornering_scale", "rear.cornering_scale")
