@@ -2,7 +2,8 @@
 
 Steps of observers are timed as `tools/bench_parts.py` times them. What a command needs for a recording is measured in a
 process of its own for each length: a generated double lane change, over and over, whose positions go on with the car.
-The page and its picture are written anew; `--longest` says up to how many seconds recordings are explained.
+The page and its picture are written anew. `--longest` says up to how many seconds of a recording are estimated and
+explained.
 """
 
 from __future__ import annotations
@@ -30,8 +31,7 @@ BAG, VEHICLE = ROOT / "bags/double_lane_change", "prototype_model"
 SPEED, STEP = 15.0, 0.004  # [m/s], [s]
 SLOTS, SLOT = 200, 2e-3  # measurements of a step, of so many seconds each
 LENGTHS = {  # [s] of recordings, by what is done with them
-    "run": (12, 60, 240),
-    "calibrate": (900, 3600, 10800),
+    "run": (60, 240, 900),
     "prepare explain": (900, 3600, 10800),
     "explain": (24, 60, 120, 240, 900),
 }
@@ -125,7 +125,6 @@ def prepared(recording: Recording) -> None:
 
 JOBS: dict[str, Callable[[Recording], object]] = {
     "run": lambda recording: vs.estimate(recording, VEHICLE),
-    "calibrate": lambda recording: vs.calibrate(recording, VEHICLE),
     "prepare explain": prepared,
     "explain": lambda recording: vs.explain(recording, VEHICLE, observe=False),
 }
@@ -135,10 +134,7 @@ def measured(job: str, length: float) -> Cost:
     """The cost of a job, in this process."""
     recording = repeated(vs.read(BAG), length)
     before, begun = _memory(), time.process_time()
-    try:
-        JOBS[job](recording)
-    except vs.InputError as error:  # of the same drive over and over a calibration may be too sure
-        print(error, file=sys.stderr)
+    JOBS[job](recording)
     return Cost(recording.duration, time.process_time() - begun, _memory(), before)
 
 
@@ -201,7 +197,9 @@ def page(rows: list[tuple[str, int, int, float]], costs: dict[str, list[Cost]], 
 def main() -> None:
     parser = argparse.ArgumentParser(prog="scaling", description=__doc__)
     parser.add_argument("page", type=Path, nargs="?")
-    parser.add_argument("--longest", type=float, default=900.0, help="[s] of recordings that are explained")
+    parser.add_argument(
+        "--longest", type=float, default=900.0, help="[s] of recordings that are estimated and explained"
+    )
     parser.add_argument("--job", choices=JOBS)
     parser.add_argument("--length", type=float)
     arguments = parser.parse_args()
@@ -212,7 +210,7 @@ def main() -> None:
     costs: dict[str, list[Cost]] = {}
     for job, lengths in LENGTHS.items():
         for length in lengths:
-            if job != "explain" or length <= arguments.longest:
+            if job == "prepare explain" or length <= arguments.longest:
                 costs.setdefault(job, []).append(in_process_of_its_own(job, length))
                 print(job, costs[job][-1], flush=True)
     image = arguments.page.with_suffix(".svg")
