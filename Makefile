@@ -150,8 +150,9 @@ vehicle: venv ## what is tried on the nodes from outside, half an hour of soak a
 
 # FUZZ="--inputs 10000" takes a part of them.
 FUZZ ?=
-fuzz: venv ## a million wrong inputs to everything that reads, to out/fuzz.json
+fuzz: venv ## a million wrong inputs to everything that reads, then inputs chosen by coverage, to out/fuzz.json
 	PYTHONPATH=test:test/node $(VENV)/bin/python -m fuzz $(FUZZ)
+	PYTHONPATH=test:test/node $(VENV)/bin/python -m fuzz.coverage
 
 release: venv ## wheel, source archive and Debian source package, each installed and tried, to out/release
 	$(VENV)/bin/pip install --quiet -r requirements/release.txt

@@ -38,7 +38,7 @@ from vsense_ros.observer.sensors import sensors_of
 
 ROOT = Path(__file__).parents[2]
 DATA = Path(os.environ.get("VSENSE_DATA", ROOT / "../shared/recordings"))
-STRICT = ("-O1", *check.FLAGS[1:], "-Werror")
+STRICT = ("-O1", *check.FLAGS[1:], *check.WARNINGS, "-Werror")
 pytestmark = pytest.mark.skipif(codegen.compiler() is None, reason="no C compiler here")
 
 
@@ -161,9 +161,22 @@ def test_the_strictest_c99_compilers_have_nothing_to_say(
 ) -> None:
     if shutil.which(compiler) is None:
         pytest.skip(f"{compiler} is not installed here")
-    command = [compiler, level, *check.FLAGS[1:], "-c", str(sources / "vsense.c"), "-o", str(tmp_path / "vsense.o")]
+    strict = [compiler, level, *check.FLAGS[1:], *check.WARNINGS]
+    command = [*strict, "-c", str(sources / "vsense.c"), "-o", str(tmp_path / "vsense.o")]
     done = subprocess.run(command, capture_output=True, text=True, check=False)
     assert (done.returncode, done.stderr) == (0, "")
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("compiler", ["gcc", "clang"])
+def test_single_precision_computes_nothing_in_double_unasked(vehicle: Vehicle, tmp_path: Path, compiler: str) -> None:
+    if shutil.which(compiler) is None:
+        pytest.skip(f"{compiler} is not installed here")
+    c.write(vehicle, tmp_path, single=True)
+    for source in ("vsense.c", "example.c"):
+        command = [compiler, *check.FLAGS[1:], *check.WARNINGS, "-fsyntax-only", str(tmp_path / source)]
+        done = subprocess.run(command, capture_output=True, text=True, check=False)
+        assert (done.returncode, done.stderr) == (0, "")
 
 
 def test_the_header_is_for_c_plus_plus_as_well(sources: Path) -> None:

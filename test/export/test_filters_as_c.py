@@ -17,7 +17,7 @@ from vsense_ros.bag.importers import build, import_recording
 from vsense_ros.cli.common import every_filter
 from vsense_ros.errors import InputError
 from vsense_ros.export import c, filters
-from vsense_ros.export.check import FLAGS
+from vsense_ros.export.check import FLAGS, WARNINGS
 from vsense_ros.export.check import build as compiled
 from vsense_ros.export.filters_check import Exported, compare
 from vsense_ros.files.installed import vehicle_path
@@ -77,6 +77,54 @@ def test_the_sources_do_on_a_recording_what_the_filter_in_python_does(name: str,
     assert difference.corrections > 1000
     assert difference.largest < 1e-9
     assert difference.placed == 1  # C went on by itself from the start
+
+
+def repeated(recording: Recording, times: int) -> Recording:
+    """The same drive so many times in a row, at least 10 ms apart."""
+    stamps = [channel.stamp for channel in recording.channels.values() if len(channel)]
+    period = max(int(one[-1]) for one in stamps) - min(int(one[0]) for one in stamps) + 10_000_000
+    later = np.arange(times) * period
+
+    def after(values: np.ndarray) -> np.ndarray:
+        return (later[:, None] + values[None]).ravel()
+
+    channels = {
+        topic: replace(
+            channel,
+            stamp=after(channel.stamp),
+            received=after(channel.received),
+            columns={key: np.concatenate([value] * times) for key, value in channel.columns.items()},
+        )
+        for topic, channel in recording.channels.items()
+    }
+    return replace(recording, channels=channels)
+
+
+@needs_compiler
+@pytest.mark.slow
+@pytest.mark.parametrize("name", exam_except(KEPT, "triple_kkf"))
+def test_a_filter_in_single_precision_stays_by_the_double_one_however_long_the_drive(name: str, tmp_path: Path) -> None:
+    filters.write(car(), name, tmp_path, single=True)
+    assert "double" not in (tmp_path / f"{name}.h").read_text()
+    once = compare(car(), name, tmp_path, drive(), single=True)
+    often = compare(car(), name, tmp_path, repeated(drive(), 3), single=True)
+    assert often.predictions > 2.5 * once.predictions
+    assert often.placed == once.placed
+    assert 0 < once.largest < 2e-2
+    assert often.state < 3 * once.state + 1e-4
+
+
+@pytest.mark.parametrize("compiler", ["gcc", "clang"])
+@pytest.mark.parametrize("single", [False, True])
+@pytest.mark.parametrize("name", ["triple_kkf", "heading_bank"])
+def test_compilers_have_no_warning_for_a_filter(name: str, single: bool, compiler: str, tmp_path: Path) -> None:
+    if shutil.which(compiler) is None:
+        pytest.skip(f"{compiler} is not installed here")
+    filters.write(car(), name, tmp_path, single=single)
+    for source in filters.sources(name, tmp_path):
+        command = [compiler, *FLAGS[1:], *WARNINGS, "-fsyntax-only", str(source)]
+        done = subprocess.run(command, capture_output=True, text=True, check=False)
+        assert (done.returncode, done.stderr) == (0, "")
 
 
 @pytest.mark.parametrize("name", NOT_WRITTEN)

@@ -84,9 +84,7 @@ def export_c(
     if sensors:
         car = c.with_sensors(car, sensors)
     if chosen in OF_NAVIGATION.names:
-        if single:
-            raise click.UsageError(f"--filter {chosen}: --float32 is for error_ekf and spi")
-        _export_filter(car, str(chosen), output, prefix, check)
+        _export_filter(car, str(chosen), output, prefix, check, single)
         return
     if chosen is not None:
         car = c.with_filter(car, chosen)
@@ -123,20 +121,20 @@ def export_c(
     say(f"Size and time of a step: {output / 'README.md'}.")
 
 
-def _export_filter(car: Vehicle, name: str, output: Path, prefix: str, check: Path | None) -> None:
-    """A filter of the GNSS/INS family as C, compared on a recording where there is one."""
+def _export_filter(car: Vehicle, name: str, output: Path, prefix: str, check: Path | None, single: bool) -> None:
+    """Write a filter of the GNSS/INS family as C, and compare it on a recording where there is one."""
     from vsense_ros.bag.importers import import_recording
     from vsense_ros.evaluate.terminal import console, progress, say, waiting
     from vsense_ros.export import filters, filters_check
 
     with waiting("writing C"):
-        written = filters.write(car, name, output, prefix)
+        written = filters.write(car, name, output, prefix, single=single)
     say(f"Written to {output}: {', '.join(file.name for file in written)}.")
     if check is None:
         return
     with TemporaryDirectory() as place, progress("comparing") as done:
-        filters.write(car, name, Path(place))
-        difference = filters_check.compare(car, name, Path(place), import_recording(check), done)
+        filters.write(car, name, Path(place), single=single)
+        difference = filters_check.compare(car, name, Path(place), import_recording(check), done, single=single)
     for line in difference.in_words():
         console().print(line, soft_wrap=True)
 

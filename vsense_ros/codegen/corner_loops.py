@@ -18,10 +18,10 @@ _UNPLACED = -1  # where the value of a corner goes nowhere
 
 class CornerLoops:
     """The statements of a function. `arguments` and `results` are what its arguments and results are called; `form`
-    gives C's words for an operation of CasADi."""
+    gives C's words for an operation of CasADi, whose first operand may be known to be 0 or 1."""
 
     def __init__(
-        self, packing: Packing, arguments: Sequence[str], results: Sequence[str], form: Callable[[int], str]
+        self, packing: Packing, arguments: Sequence[str], results: Sequence[str], form: Callable[[int, bool], str]
     ) -> None:
         self.packing, self.values = packing, packing.values
         self.arguments, self.results, self.form = arguments, results, form
@@ -112,7 +112,7 @@ class CornerLoops:
             return
         if self._is_computed(step):
             needs = (self._read(need) for need in self.packing.needs(step))
-            yield f"const double {self._name(step)} = {self.form(self.values.operations[step.scalar]).format(*needs)};"
+            yield f"const double {self._name(step)} = {self._form_of(step.scalar).format(*needs)};"
         if step.scalar not in self.packing.lanes:
             for result, element in self.stores.get(step.scalar, ()):
                 yield f"{self.results[result]}[{element}] = {self._read(step)};"
@@ -122,7 +122,7 @@ class CornerLoops:
         assert step.vector is not None
         needs = (self._read(need) for need in self.packing.needs(step))
         name = self._name(step)
-        yield f"const double {name} = {self.form(self.values.operations[step.vector[0]]).format(*needs)};"
+        yield f"const double {name} = {self._form_of(step.vector[0]).format(*needs)};"
         if step in self.slots:
             yield f"v[{self.slots[step]}][c] = {name};"
         for result, elements in self._stores_of(step):
@@ -145,6 +145,9 @@ class CornerLoops:
             at = [lane[i] if i < len(lane) else (_UNPLACED, _UNPLACED) for lane in lanes]
             for result in dict.fromkeys(result for result, _ in at if result != _UNPLACED):
                 yield result, tuple(element if own == result else _UNPLACED for own, element in at)
+
+    def _form_of(self, value: int) -> str:
+        return self.form(self.values.operations[value], self.values.is_logical(self.values.operands[value][0]))
 
     def _name(self, step: Step) -> str:
         return f"a{self.numbers[step]}"

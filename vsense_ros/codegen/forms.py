@@ -12,7 +12,7 @@ _ARITHMETIC = {
     ca.OP_DIV: "{0} / {1}", ca.OP_INV: "1 / {0}", ca.OP_SQ: "{0} * {0}", ca.OP_TWICE: "{0} + {0}",
 }  # fmt: skip
 SCALAR = _ARITHMETIC | {
-    ca.OP_FABS: "fabs({0})", ca.OP_SIGN: "({0} > 0) - ({0} < 0)", ca.OP_FMIN: "{0} < {1} ? {0} : {1}",
+    ca.OP_FABS: "fabs({0})", ca.OP_SIGN: "(double)(({0} > 0) - ({0} < 0))", ca.OP_FMIN: "{0} < {1} ? {0} : {1}",
     ca.OP_FMAX: "{0} > {1} ? {0} : {1}", ca.OP_LT: "{0} < {1}", ca.OP_LE: "{0} <= {1}", ca.OP_EQ: "{0} == {1}",
     ca.OP_NE: "{0} != {1}", ca.OP_NOT: "!{0}", ca.OP_AND: "{0} && {1}", ca.OP_OR: "{0} || {1}",
     ca.OP_IF_ELSE_ZERO: "{0} != 0 ? {1} : 0",
@@ -33,8 +33,8 @@ VECTOR = _ARITHMETIC | {
 def number(value: float) -> str:
     """A number as C reads it back, to the last bit."""
     if math.isnan(value):
-        return "NAN"
-    return repr(float(value)) if math.isfinite(value) else f"{'-' if value < 0 else ''}INFINITY"
+        return "(double)NAN"
+    return repr(float(value)) if math.isfinite(value) else f"{'-' if value < 0 else ''}(double)INFINITY"
 
 
 def zeros(count: int) -> str:

@@ -13,6 +13,7 @@ from vsense_ros.codegen.instructions import instructions
 
 INPUT, CONSTANT = -1, -2  # operations of values that nothing is computed for
 COMMUTATIVE = frozenset((ca.OP_ADD, ca.OP_MUL, ca.OP_FMIN, ca.OP_FMAX, ca.OP_EQ, ca.OP_NE, ca.OP_AND, ca.OP_OR))
+_LOGICAL = frozenset((ca.OP_LT, ca.OP_LE, ca.OP_EQ, ca.OP_NE, ca.OP_NOT, ca.OP_AND, ca.OP_OR))
 _UNARY_TWICE = frozenset((ca.OP_SQ, ca.OP_TWICE))  # CasADi lists their operand twice
 
 
@@ -33,6 +34,10 @@ class Values:
     def computed(self, value: int) -> bool:
         """True if an operation computes a value."""
         return self.operations[value] >= 0
+
+    def is_logical(self, value: int) -> bool:
+        """True if a value can be nothing but 0 or 1."""
+        return self.operations[value] in _LOGICAL
 
 
 def values_of(function: ca.Function, known: Mapping[int, Sequence[float]] | None = None) -> Values:

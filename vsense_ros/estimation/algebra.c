@@ -62,6 +62,8 @@ typedef double lane;
 #define COLUMN(j) (j)
 #endif
 
+static inline int is_zero(double number) { return number <= 0 && number >= 0; }
+
 /* Sums of terms: `count` rows, and their factors, which stand `by_row` apart from sum to sum and `by_term` from term to
  * term. */
 struct terms {
@@ -78,6 +80,7 @@ INLINE int tiles(const int anew, const int rows, const int lanes, int first, int
     int done = 0;
     (void)last; /* the lanes of single numbers never reach over the end */
     const double *factors = terms->factor;
+    const lane nothing = {0};
     for (out += first; done + rows <= left; done += rows, factors += rows * terms->by_row) {
         const double *f = factors;
         double *to[ROWS];
@@ -85,7 +88,7 @@ INLINE int tiles(const int anew, const int rows, const int lanes, int first, int
         for (int r = 0; r < rows; r++, out += stride) {
             AS_IT_IS(out);
             to[r] = out;
-            for (int j = 0; j < lanes; j++) sum[r][j] = anew ? (lane){0} : *(const lane *)(to[r] + COLUMN(j));
+            for (int j = 0; j < lanes; j++) sum[r][j] = anew ? nothing : *(const lane *)(to[r] + COLUMN(j));
         }
         for (int k = 0; k < terms->count; k++, f += terms->by_term) {
             const double *from = terms->row[k] + first;
@@ -116,8 +119,8 @@ INLINE int strip(const int anew, const int rows, int lanes, int first, int last,
 #if LANES > 6
         case 7: return tiles(anew, rows, 7, first, last, left, out, stride, terms);
 #endif
+        default: return left;
     }
-    return left;
 }
 
 /* out += sums of factor * term, or, if `anew`, out = these: `rows` rows that are `width` long and `stride` apart, each of
@@ -193,7 +196,7 @@ static void project(const struct innovation *found, const double *p, double (*pr
         int here = 0;
         for (int a = 0; a < used; a++) {
             factors[count * used + a] = found->rows[a][k];
-            here += found->rows[a][k] != 0;
+            here += !is_zero(found->rows[a][k]);
         }
         elements += here;
         if (here) from[count++] = p + k * n;
@@ -205,7 +208,7 @@ static void project(const struct innovation *found, const double *p, double (*pr
     for (int a = 0; a < used; a++) {
         count = 0;
         for (int k = 0; k < n; k++)
-            if (found->rows[a][k] != 0) {
+            if (!is_zero(found->rows[a][k])) {
                 factors[count] = found->rows[a][k];
                 from[count++] = p + k * n;
             }
@@ -256,7 +259,7 @@ static double whiten(struct innovation *found, double *inverse_diagonal) {
             sum -= total[a][k] * total[a][k];
             w -= total[a][k] * found->weights[k];
         }
-        if (!(sum > 0)) return NAN;
+        if (!(sum > 0)) return (double)NAN;
         total[a][a] = sqrt(sum);
         inverse_diagonal[a] = 1 / total[a][a];
         found->weights[a] = w * inverse_diagonal[a];
@@ -298,7 +301,10 @@ static double update(struct innovation *found, double *p, double *error, double 
     double (*const total)[COMPONENTS] = found->factor;
     project(found, p, projected);
     for (int a = 0; a < found->used; a++) {
-        for (int b = 0; b <= a; b++) total[a][b] = total[b][a] = scale * dot(n, projected[a], found->rows[b]);
+        for (int b = 0; b <= a; b++) {
+            total[a][b] = scale * dot(n, projected[a], found->rows[b]);
+            total[b][a] = total[a][b];
+        }
         total[a][a] += scale * found->variance[a];
     }
     return apply(found, projected, p, error, limit);

@@ -49,9 +49,9 @@ static int step(const struct live *live, const double *process) {
     (void)process; /* all is in the state space */
     run(&live->transition);
     for (int i = 0; i < live->numbers; i++) sum += 0 * live->moved[i];
-    if (!(sum == 0)) return 0; /* not a number, or infinite */
+    if (!is_zero(sum)) return 0; /* not a number, or infinite */
     propagate(live);
-    memcpy(live->mean, live->moved, live->numbers * sizeof(double));
+    memcpy(live->mean, live->moved, (size_t)live->numbers * sizeof(double));
     return 1;
 }
 
@@ -59,14 +59,16 @@ static int step(const struct live *live, const double *process) {
 static int sensed(const struct sensor *sensor, const double *variance, struct innovation *found, int *component) {
     int used = 0;
     run(&sensor->sense);
-    for (int a = 0; a < sensor->components && *sensor->used != 0; a++) {
+    for (int a = 0; a < sensor->components && !is_zero(*sensor->used); a++) {
         if (!isfinite(sensor->residual[a])) continue;
         memcpy(found->rows[used], sensor->by_error + a * n, n * sizeof(double));
         found->residual[used] = sensor->residual[a];
         found->variance[used] = variance[a];
-        component[used++] = a;
+        component[used] = a;
+        used++;
     }
-    return found->used = used;
+    found->used = used;
+    return used;
 }
 
 static double measure(const struct live *live, const struct sensor *sensor, const double *value,
@@ -74,13 +76,13 @@ static double measure(const struct live *live, const struct sensor *sensor, cons
     struct innovation found;
     int component[COMPONENTS] = {0};
     double nis = -1;
-    memcpy(sensor->value, value, sensor->components * sizeof(double));
-    if (sensed(sensor, variance, &found, component)) nis = update(&found, live->covariance, live->error, scale, limit);
+    memcpy(sensor->value, value, (size_t)sensor->components * sizeof(double));
+    if (sensed(sensor, variance, &found, component) > 0) nis = update(&found, live->covariance, live->error, scale, limit);
     report(live->whitened, live->factor, (int)sensor->components, &found, component);
     if (!(nis >= 0 && nis <= limit)) return nis;
-    if (live->retract.function) {
+    if (live->retract.function != 0) {
         run(&live->retract);
-        memcpy(live->mean, live->off, live->numbers * sizeof(double));
+        memcpy(live->mean, live->off, (size_t)live->numbers * sizeof(double));
     } else
         for (int i = 0; i < n; i++) live->mean[i] += live->error[i];
     return nis;

@@ -2,7 +2,7 @@
  * the m components of a measurement were there. */
 static void report(double *whitened, double *factor, int m, const struct innovation *found, const int *component) {
     for (int a = 0; a < m; a++) {
-        whitened[a] = NAN;
+        whitened[a] = (double)NAN;
         for (int b = 0; b < m; b++) factor[a * m + b] = a == b;
     }
     for (int a = 0; a < found->used; a++) {

@@ -30,6 +30,7 @@ from vsense_ros.runner import Runner
 Array = NDArray[np.float64]
 
 FLAGS = ("-O3", "-std=c99", "-Wall", "-Wextra", "-pedantic")
+WARNINGS = ("-Wconversion", "-Wdouble-promotion", "-Wfloat-equal")  # of which the sources cause none, either
 
 
 def build(folder: Path, flags: tuple[str, ...] = FLAGS, sources: Sequence[Path] = ()) -> ctypes.CDLL:

@@ -22,7 +22,15 @@ from vsense_ros.estimation.dense import UNLIMITED, Jacobians
 from vsense_ros.estimation.ekf import Ekf
 from vsense_ros.estimation.filter import largest_nis
 from vsense_ros.estimation.state_space import Measurement
-from vsense_ros.export.sources import PREFIX, identifier, packaged, require_prefix, templates, write_all
+from vsense_ros.export.sources import (
+    PREFIX,
+    identifier,
+    in_single_precision,
+    packaged,
+    require_prefix,
+    templates,
+    write_all,
+)
 from vsense_ros.files.names import harmless
 from vsense_ros.model.sensors import SensorBase
 from vsense_ros.model.vehicle import Vehicle
@@ -39,9 +47,10 @@ _ALONE = "one"  # what a part is called in C that is the whole filter
 _AT_PART = ("mean", "inputs", "parameters")
 
 
-def write(vehicle: Vehicle, name: str, folder: Path, prefix: str = PREFIX) -> list[Path]:
+def write(vehicle: Vehicle, name: str, folder: Path, prefix: str = PREFIX, *, single: bool = False) -> list[Path]:
     """Write the filter of this name with the sensors and numbers of a vehicle into `folder`, which is made where it is
-    missing; returns the files. Names of types and functions begin with `prefix`.
+    missing; returns the files. Names of types and functions begin with `prefix`. With `single` every number is
+    binary32.
 
     Raises `InputError` for an unknown filter, for one whose sensors the vehicle lacks, and for one that draws random
     numbers, and for a prefix that C does not take.
@@ -55,7 +64,10 @@ def write(vehicle: Vehicle, name: str, folder: Path, prefix: str = PREFIX) -> li
     texts = {f"{name}.{end}": environment.get_template(f"filter.{end}.j2").render(values) for end in ("h", "c")}
     for part in values["parts"]:
         texts[part["file"]] = environment.get_template("part.c.j2").render(values | {"part": part})
-    return write_all(folder, texts | packaged((*_INCLUDED, _READINGS)), prefix)
+    texts |= packaged((*_INCLUDED, _READINGS))
+    if single:
+        texts = {name: in_single_precision(text) for name, text in texts.items()}
+    return write_all(folder, texts, prefix)
 
 
 def sources(name: str, folder: Path) -> list[Path]:

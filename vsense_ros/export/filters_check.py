@@ -31,9 +31,9 @@ _COMPARED = 10  # corrections, after which all of the state is compared; what th
 
 
 class Exported(ExportedFilter):
-    """The exported filter, called from Python. `memory` (s,) is its struct."""
+    """The exported filter, called from Python. `memory` (s,) is its struct, in double or single precision."""
 
-    def __init__(self, library: ctypes.CDLL, memory: Array, sensors: Sequence[str]) -> None:
+    def __init__(self, library: ctypes.CDLL, memory: NDArray[Any], sensors: Sequence[str]) -> None:
         super().__init__(library, memory, sensors)
         self._start = self.function("start", None, [ctypes.c_void_p])
 
@@ -46,7 +46,8 @@ class _Twin(Aided):
     """A filter whose every call is made to the exported one as well, and the results compared.
 
     The struct of the exported one is at the end of the memory, so that both go back together for a late
-    measurement. Python writes into it at the start, and where trust was lost: all but the numbers of the car.
+    measurement. Python writes into it at the start, and where trust was lost: all but the numbers of the car. In single
+    precision it takes half of that memory, and is compared by a copy in double precision.
     """
 
     def __init__(
@@ -54,6 +55,7 @@ class _Twin(Aided):
         name: str,
         library: ctypes.CDLL,
         difference: Difference,
+        single: bool,
         vehicle: Vehicle,
         sensors: dict[str, SensorBase],
     ) -> None:
@@ -63,8 +65,10 @@ class _Twin(Aided):
         size = len(made.memory)
         super().__init__(name, definition, numbers, sensors, behind=size)
         self.reckoning = None  # of axes that are left out, which is not in the sources
-        self._ours, self._theirs, self.difference = self.memory[:size], self.behind, difference
-        self._there = made.at(self._theirs)  # the struct, as Python reads it
+        self._ours, self.difference = self.memory[:size], difference
+        self._theirs: NDArray[Any] = self.behind.view(np.float32)[:size] if single else self.behind
+        self._copied = np.zeros(size) if single else self.behind
+        self._there = made.at(self._copied)  # the struct, as Python reads it
         self.other = Exported(library, self._theirs, [key for key in sensors if self.uses(key)])
         self.other.start()
         parts = self._there.bank if isinstance(self._there, HeadingBank) else filters_of(self._there)
@@ -75,10 +79,12 @@ class _Twin(Aided):
         self._copy()
 
     def _copy(self) -> None:
+        self._copied[:] = self._theirs
         numbers = [own.copy() for own in self._numbers]
-        self._theirs[:] = self._ours
+        self._copied[:] = self._ours
         for own, kept in zip(self._numbers, numbers, strict=True):
             own[:] = kept
+        self._theirs[:] = self._copied
         self.difference.placed += 1
 
     def predict(self, h: float) -> None:
@@ -101,7 +107,8 @@ class _Twin(Aided):
         self._copy()
 
     def compare(self) -> None:
-        """State, covariance and inputs of both."""
+        """Compare state, covariance and inputs of both."""
+        self._copied[:] = self._theirs
         self.difference.compare(self._there.belief(), self.filter.belief())
         self.difference.state = max(self.difference.state, relative(self._there.inputs, self.inputs))
 
@@ -112,12 +119,17 @@ def compare(
     folder: Path,
     recording: Recording,
     progress: Callable[[float], None] | None = None,
+    *,
+    single: bool = False,
 ) -> Difference:
-    """Compile the sources that `filters.write` made, and run the filter on a recording with the exported one beside it,
-    which gets the same calls and nothing else. Raises `InputError` without a compiler, and where it never starts."""
+    """Compile the sources that `filters.write` made, with the same `single`, and run the filter on a recording with
+    the exported one beside it, which gets the same calls and nothing else.
+
+    Raises `InputError` without a compiler, and where it never starts.
+    """
     name = FILTERS[name].name
     library, difference = build(folder, FLAGS, filters.sources(name, folder)), Difference()
-    runner = Runner(vehicle, recording.map_origin, partial(_Twin, name, library, difference))
+    runner = Runner(vehicle, recording.map_origin, partial(_Twin, name, library, difference, single))
     lead(runner, recording, lambda: None, progress)
     runner.snapshot()
     require_start(runner, recording)

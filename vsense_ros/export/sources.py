@@ -35,7 +35,7 @@ def plain(text: str) -> str:
 def in_single_precision(text: str) -> str:
     """The sources with `float` for `double`, in types, constants and functions of libm."""
     text = text.replace("1e-300", "1e-30")  # below which a pivot is taken for zero
-    text = re.sub(r"\bdouble\b", "float", text)
+    text = re.sub(r"(?<!long )\bdouble\b", "float", text)
     text = re.sub(rf"\b({_MATHEMATICS})\(", r"\1f(", text)
     text = _LITERAL.sub(r"\1f", text)
     return text.replace("#define STATES", "#define SINGLE 1\n#define STATES", 1)

@@ -3,12 +3,12 @@
 #include <math.h>
 
 /* The greater of two, NaN where one is. */
-static inline double greatest(const double *pair) { return pair[0] > pair[1] || pair[0] != pair[0] ? pair[0] : pair[1]; }
+static inline double greatest(const double *pair) { return pair[0] > pair[1] || isnan(pair[0]) ? pair[0] : pair[1]; }
 
 static inline void reading_course(const double *value, const double *variance, double *made, double *variances) {
     const double speed = hypot(value[0], value[1]), noise = greatest(variance), sure = 2 * sqrt(noise);
     const int known = speed > (sure > SLOWEST_COURSE ? sure : SLOWEST_COURSE);
-    made[0] = known ? atan2(value[1], value[0]) : NAN;
+    made[0] = known ? atan2(value[1], value[0]) : (double)NAN;
     variances[0] = known ? noise / (speed * speed) : variance[0];
 }
 

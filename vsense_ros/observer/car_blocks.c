@@ -353,7 +353,7 @@ static void sensed_row(const struct model *model, const struct sensed *sensed, i
     if (sensed->uses_acceleration)
         for (int k = 0; k < MODEL; k++) {
             const double f = sensed->by_udot[k * m + i];
-            if (f == 0) continue;
+            if (is_zero(f)) continue;
             for (int j = 0; j < DYNAMIC; j++) row[dynamic_coordinates[j]] += f * model->by_q[j * MODEL + k];
             for (int j = 0; j < MODEL; j++) row[MODEL + j] += f * model->by_u[j * MODEL + k];
             row[2 * MODEL + k] = f;
@@ -364,7 +364,7 @@ static void sensed_row(const struct model *model, const struct sensed *sensed, i
 
 /* Keeps the whitened innovation and the factor of its covariance. */
 static void tell(const struct model *model, int components, const int *component, const struct innovation *found) {
-    for (int i = 0; i < components; i++) model->whitened[i] = NAN;
+    for (int i = 0; i < components; i++) model->whitened[i] = (double)NAN;
     for (int i = 0; i < components * components; i++) model->factor[i] = i % (components + 1) == 0;
     for (int a = 0; a < found->used; a++) {
         model->whitened[component[a]] = found->weights[a];
@@ -425,15 +425,16 @@ static void filter_linearize(const struct filter *filter) {
 /* What a step does to the sensitivity to parameters and, where they drift, to both covariances. */
 static void spread(const struct filter *filter, const double *decay) {
     const struct learning *const learning = filter->learning;
-    const int count = learning->count;
+    const int count = (int)learning->count;
+    const size_t vector = (size_t)count * sizeof(double);
     double *const p = filter->model.covariance;
     for (int i = 0; i < MODEL; i++)
         for (int k = 0; k < GAIN; k++) learning->gain[i * GAIN + k] = filter->model.gain[k * PADDED + i];
     memcpy(learning->decay, decay, (n - SLOW) * sizeof(double));
     run_spread(filter);
-    memcpy(learning->known.sensitivity, learning->moved, n * count * sizeof(double));
+    memcpy(learning->known.sensitivity, learning->moved, n * vector);
     if (!learning->drifts) return;
-    memcpy(learning->known.covariance, learning->grown, count * count * sizeof(double));
+    memcpy(learning->known.covariance, learning->grown, (size_t)count * vector);
     for (int k = 0; k < count; k++) {
         const double *const column = learning->added + k * n;
         combine_rows(n, n, p, n, 1, column, 1, 1, &column);
@@ -443,10 +444,11 @@ static void spread(const struct filter *filter, const double *decay) {
 /* Parameters by what a measurement tells of them, and the state as it would have been with these parameters. */
 static void learn(const struct filter *filter, const struct sensor *sensor, const double *variance) {
     const struct learning *const learning = filter->learning;
-    const int width = sensor->width, count = learning->count;
+    const int width = (int)sensor->width, count = (int)learning->count;
+    const size_t vector = (size_t)count * sizeof(double);
     double column[STATES], factors[STATES];
     const double *rows[STATES];
-    memcpy(sensor->variance, variance, sensor->sensed.components * sizeof(double));
+    memcpy(sensor->variance, variance, (size_t)sensor->sensed.components * sizeof(double));
     run_seen(filter, sensor);
     for (int k = 0; k < n; k++) rows[k] = filter->model.covariance + k * n;
     for (int a = 0; a < width; a++) {
@@ -456,10 +458,10 @@ static void learn(const struct filter *filter, const struct sensor *sensor, cons
         for (int k = 0; k < n; k++) sensor->projected[k * width + a] = column[k];
     }
     run_learn(filter, sensor);
-    memcpy(learning->known.estimates, sensor->found.estimates, count * sizeof(double));
-    memcpy(learning->known.covariance, sensor->found.covariance, count * count * sizeof(double));
-    memcpy(learning->known.sensitivity, sensor->found.sensitivity, n * count * sizeof(double));
-    memcpy(learning->known.information, sensor->found.information, count * count * sizeof(double));
+    memcpy(learning->known.estimates, sensor->found.estimates, vector);
+    memcpy(learning->known.covariance, sensor->found.covariance, (size_t)count * vector);
+    memcpy(learning->known.sensitivity, sensor->found.sensitivity, n * vector);
+    memcpy(learning->known.information, sensor->found.information, (size_t)count * vector);
     for (int i = 0; i < count; i++) learning->physical[learning->columns[i]] = learning->known.estimates[i];
     memcpy(filter->model.error + SLOW, sensor->change + SLOW, MODEL * sizeof(double));
     run_force(filter);
@@ -476,7 +478,7 @@ static int filter_predict(const struct filter *filter, double h, const double *d
     if (!transition(&filter->model, h, filter->gamma)) return 0;
     if (filter->effects_size) {
         run_remember(filter);
-        memcpy(filter->effects, filter->remembered, filter->effects_size * sizeof(double));
+        memcpy(filter->effects, filter->remembered, (size_t)filter->effects_size * sizeof(double));
     }
     run_kinematics(filter);
     run_advance(filter);
@@ -507,7 +509,7 @@ static double filter_measure(const struct filter *filter, const struct sensor *s
     for (int i = 0; i < MODEL; i++) filter->state[SLOW + i] += filter->added[i];
     for (int i = SLOW + MODEL; i < n; i++) filter->state[i] += filter->model.error[i];
 #if LEARNING
-    if (filter->learning && scale == 1) learn(filter, sensor, variance); /* what is forced upon it tells nothing */
+    if (filter->learning && is_zero(scale - 1)) learn(filter, sensor, variance); /* what is forced upon it tells nothing */
 #endif
     return nis;
 }
