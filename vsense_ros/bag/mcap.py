@@ -375,7 +375,7 @@ def _parsed(kind: Any, body: bytes) -> Any:
     """A record of the library. Raises `Damaged` where the bytes are no such record."""
     try:
         return kind.read(_Bytes(body))
-    except (struct.error, EndOfFile, UnicodeDecodeError) as error:
+    except (struct.error, EndOfFile, UnicodeDecodeError, OverflowError) as error:
         raise Damaged(f"a record {kind.__name__} cannot be read ({str(error) or 'it is cut off'})") from None
 
 
