@@ -5,14 +5,16 @@ from __future__ import annotations
 from collections.abc import Iterator
 from itertools import chain
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import click
 
 from vsense_ros.cli.common import EXISTING, Commands, key_value_pairs
 from vsense_ros.errors import InputError
 from vsense_ros.files.names import printable
-from vsense_ros.messages.recording import Recording
+
+if TYPE_CHECKING:
+    from vsense_ros.messages.recording import Recording
 
 
 @click.command("import")
