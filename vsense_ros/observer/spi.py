@@ -264,14 +264,18 @@ class Spi(CarFilter):
         self._effect.call()
 
     def predict(self, h: float) -> None:
-        self._state_filter.predict(h)  # in C that includes what follows
-        if self._operations is None:
-            self._move_parameters(h)
-            self._find_effect()
+        if self._operations is not None:
+            self._state_filter.predict(h)  # in C that includes the parameters
+            return
+        decay = self.car.process(h).decay  # with the brakes as they are before the step, as the state's
+        self._state_filter.predict(h)
+        self._move_parameters(h, decay)
+        self._find_effect()
 
-    def _move_parameters(self, h: float) -> None:
-        """Propagate the estimates of the parameters through a step of `h` [s], which has just been made."""
-        self.car.h[0], self._decay[:] = h, self.car.process(h).decay
+    def _move_parameters(self, h: float, decay: Array) -> None:
+        """Propagate the estimates of the parameters through a step of `h` [s], which has just been made, and in which
+        the errors of the states behind the velocities have decayed to the shares `decay` (n - 28,)."""
+        self.car.h[0], self._decay[:] = h, decay
         self._spread.call()
         sensitivity, covariance, added = self._spread.results
         self.sensitivity[:] = sensitivity
