@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from pydantic import ValidationError
 
 from algebra import SPEED, N, problem
-from drives import feed, goes_on_as_it_did, messages
+from drives import feed, goes_on_as_it_did, messages, without_c
 from vsense_ros.errors import InputError
 from vsense_ros.files.vehicle import load_vehicle
 from vsense_ros.model.car.car import car_of
@@ -26,6 +26,7 @@ from vsense_ros.observer.parameter_ekf import ParameterEkf
 from vsense_ros.observer.parameter_ukf import KAPPA, ParameterUkf
 from vsense_ros.observer.spi import Spi
 from vsense_ros.observer.state import GAIN_COLUMNS
+from vsense_ros.observer.wheel_torques import BRAKING, RELEASED
 from vsense_ros.runner import Runner
 
 Array = NDArray[np.float64]
@@ -287,6 +288,26 @@ def test_a_parameter_at_its_bound_is_a_warning(vehicle: Vehicle) -> None:
 @pytest.mark.parametrize("kind", ["ekf", "ukf"])
 def test_a_filter_that_is_put_back_goes_on_as_it_did(vehicle: Vehicle, kind: str) -> None:
     goes_on_as_it_did(cornering(spi_of(vehicle, kind)), steps=10)
+
+
+@pytest.mark.parametrize("kind", ["ekf", "ukf"])
+def test_where_brakes_begin_to_act_a_filter_without_c_does_what_c_does(vehicle: Vehicle, kind: str) -> None:
+    """Below 1 m/s brakes may hold the car: torque errors of wheels that are not driven then last longer."""
+    both = spi_of(vehicle, kind), spi_of(vehicle, kind)
+    without_c(both[1])
+    brakes = []
+    for spi in both:
+        spi.start_rolling(1.02)
+        spi.inputs[:] = 0.1, 0.0, 0.0, -150.0, -150.0
+        spi.linearize()
+        for _ in range(20):
+            brakes.append(spi.car.brakes)
+            spi.correct("imu", np.array([0.0, 0.0, 0.04, -1.0, 0.1, 9.8]), np.full(6, 1e-2), np.inf)
+            spi.predict(0.004)
+    assert set(brakes[:20]) == {RELEASED, BRAKING}
+    in_c, in_python = (spi.belief() for spi in both)
+    np.testing.assert_allclose(in_python.mean, in_c.mean, rtol=1e-8, atol=1e-9)
+    np.testing.assert_allclose(in_python.covariance, in_c.covariance, rtol=1e-7, atol=1e-9)
 
 
 def test_parameters_are_published_with_their_deviations_and_the_diagnostics_tell_what_is_known(
