@@ -26,6 +26,8 @@ _OPERATIONS = SCALAR | {
     ca.OP_NE: "!({0} <= {1} && {0} >= {1})",
     ca.OP_IF_ELSE_ZERO: "{0} <= 0 && {0} >= 0 ? 0 : {1}",
     ca.OP_NOT: "{0} <= 0 && {0} >= 0",
+    ca.OP_AND: "!({0} <= 0 && {0} >= 0) && !({1} <= 0 && {1} >= 0)",
+    ca.OP_OR: "!({0} <= 0 && {0} >= 0) || !({1} <= 0 && {1} >= 0)",
     **{
         getattr(ca, f"OP_{name.upper()}"): f"{name}({{0}})"
         for name in ("asinh", "acosh", "atanh", "floor", "ceil", "erf", "log1p", "expm1")
