@@ -14,6 +14,7 @@ from vsense_ros.errors import InputError
 from vsense_ros.files.names import printable
 
 if TYPE_CHECKING:
+    from vsense_ros.bag.importers import Importer
     from vsense_ros.messages.recording import Recording
 
 
@@ -85,14 +86,9 @@ def import_(
     recordings = []
     following: Iterator[Recording] = iter(())  # pieces of a large file behind the first one
     for source in sources:
-        own = dict(options)
         with_dbc: dict[str, Any] = {"dbc": databases} if databases else {}
-        importer = find_importer(source, {*own, *with_dbc})
-        own |= with_dbc if "dbc" in importer.options or len(sources) == 1 else {}
-        if given and ("mapping" in importer.options or len(sources) == 1):
-            count = len(databases) if "dbc" in own and len(given) >= len(databases) > 1 else 1
-            own["mapping"] = tuple(given[:count]) if count > 1 else given[0]
-            del given[:count]
+        importer = find_importer(source, {**options, **with_dbc})
+        own = {**options, **_own_files(importer, with_dbc, given, len(sources) == 1)}
         with waiting(f"importing {source.name}"):
             if len(sources) > 1:
                 recordings.append(import_recording(source, **own))
@@ -108,6 +104,19 @@ def import_(
     if len(sources) == 1 and importer.pieces is not None and is_large(sources[0]):
         say(f"Of this large file the first {recording.duration:.0f} s are inspected: all of it by 'vsense info {out}'.")
     say(f"Written to {out}.")
+
+
+def _own_files(importer: Importer, with_dbc: dict[str, Any], given: list[Path], alone: bool) -> dict[str, Any]:
+    """Databases and mappings for one source, which are taken out of the mappings that are `given`; one that is `alone`
+    gets them in any case, so that its importer says what it cannot use."""
+    own = with_dbc if "dbc" in importer.options or alone else {}
+    if not given or not ("mapping" in importer.options or alone):
+        return dict(own)
+    databases = own.get("dbc", ())
+    count = len(databases) if len(given) >= len(databases) > 1 else 1
+    taken = tuple(given[:count]) if count > 1 else given[0]
+    del given[:count]
+    return {**own, "mapping": taken}
 
 
 def _propose(sources: tuple[Path, ...], dbc: Path | None) -> None:

@@ -18,13 +18,13 @@ from vsense_ros.estimation.filter import Array
 from vsense_ros.estimation.integrated import Rates
 from vsense_ros.identification import best, handling_values, recorded
 from vsense_ros.identification.identified import Identification, Product, advice
-from vsense_ros.identification.information import Information, information, refusals, weigh
+from vsense_ros.identification.information import Information, Refusal, information, refusals, weigh
 from vsense_ros.identification.likelihood import Likelihood
 from vsense_ros.identification.open_loop import OpenLoop
 from vsense_ros.identification.prediction import judged
 from vsense_ros.identification.progress import Progress, part
 from vsense_ros.identification.recorded import Signals
-from vsense_ros.identification.rinsing import Drive, Identifier, Noise, Schedule, rinse
+from vsense_ros.identification.rinsing import Drive, Identifier, Noise, Rinsed, Schedule, rinse
 from vsense_ros.identification.sensor_errors import STEERING, WithSensorErrors
 from vsense_ros.messages.recording import Recording
 from vsense_ros.model.handling import best_4dof
@@ -106,36 +106,18 @@ def identify(
 
     Raises `InputError` where the recordings cannot determine anything, or the free parameters are none of the model.
     """
-    found = [recorded.signals(one, vehicle) for one in recordings]
-    for one_recording in found:
+    signals = [recorded.signals(one, vehicle) for one in recordings]
+    for one_recording in signals:
         check_signs(one_recording)
-    recorded_drives = recorded.drives(found, model)
+    recorded_drives = recorded.drives(signals, model)
     one, prior = handling_identifier(vehicle, model, free, recorded_drives)
     whole = one.model
     assert isinstance(whole, WithSensorErrors)
     start, wanted = one.values, tuple(name for name in one.free if name not in STEERING)
     drives = [whole.drive(drive) for drive in recorded_drives]
     try:
-        if MODELS[model].by_likelihood:
-            exact = Likelihood(one)
-            weighed, rinsed = exact.weigh(drives, one.begin(), one.begin(), prior, progress=part(progress, 0, 2))
-            together = exact.factors
-
-            def own(some: Sequence[Drive]) -> Information:
-                # With noise of their own: what distinguishes two cars would else pass for noise of both.
-                exact.factors = together
-                return exact.weigh(some, weighed.values, one.begin(), prior)[0]
-
-        else:
-            # What is not determined must not wander from pass to pass.
-            left = information(one, drives, one.begin(), prior).left
-            one.scales = prior / best.SETTINGS.prior_share * np.clip(1 - left**2, 1e-3, 1.0)
-            rinsed = rinse(one, drives, Schedule(passes=IDENTIFICATION.most_passes), progress=part(progress, 0, 2))
-            weighed = weigh(one, drives, rinsed.values, one.begin(), prior)
-
-            def own(some: Sequence[Drive]) -> Information:
-                return weigh(one, some, weighed.values, one.begin(), prior)
-
+        estimated = _by_likelihood if MODELS[model].by_likelihood else _by_rinsing
+        weighed, rinsed, own = estimated(one, drives, prior, part(progress, 0, 2))
     except FloatingPointError as error:
         raise InputError(
             f"the model {model} cannot follow {', '.join(d.name for d in drives)}: {error}. Are units and signs of the "
@@ -145,20 +127,12 @@ def identify(
     check_one_car(one, drives, own)
     products = tuple(_products(one, drives, weighed, own))
     if len(refused) == len(wanted) and not any(product.is_determined for product in products):
-        raise InputError(
-            "the drives determine none of the free parameters: "
-            + "; ".join(f"{refusal}; to determine it, {advice(refusal.name)}" for refusal in refused)
-        )
+        raise _undetermined(refused)
     made = Identification(
         model, vehicle, vehicle, start, wanted, weighed, rinsed, refused, products, tuple(drives), {}, {},
         tuple(r.name for r in held_out),
     )  # fmt: skip
-    try:
-        changed = handling_values.changes(vehicle, made.values, {*made.determined, "steering_gain", "steering_delay"})
-    except ValueError as error:
-        raise InputError(f"the parameters that were found make no car: {error}") from None
-    source = "identified by " + ", ".join(drive.name for drive in drives)
-    changed = handling_values.with_uncertainty(changed, made.file_deviations, source)
+    changed = _written(made)
     others = recorded.drives([recorded.signals(r, vehicle) for r in held_out], model)
     every = [*drives, *map(whole.drive, others)]
     verdict = judged(held_out or recordings, vehicle, changed)
@@ -168,6 +142,54 @@ def identify(
     if progress is not None:
         progress(1.0)
     return made
+
+
+def _by_likelihood(
+    one: Identifier, drives: Sequence[Drive], prior: Array, progress: Progress | None
+) -> tuple[Information, Rinsed, Weigh]:
+    """What the drives say of the parameters by the likelihood of their outputs, how they were estimated, and what
+    weighs some of the drives with noise of their own: what distinguishes two cars would else pass for noise of both."""
+    exact = Likelihood(one)
+    weighed, rinsed = exact.weigh(drives, one.begin(), one.begin(), prior, progress=progress)
+    together = exact.factors
+
+    def own(some: Sequence[Drive]) -> Information:
+        exact.factors = together
+        return exact.weigh(some, weighed.values, one.begin(), prior)[0]
+
+    return weighed, rinsed, own
+
+
+def _by_rinsing(
+    one: Identifier, drives: Sequence[Drive], prior: Array, progress: Progress | None
+) -> tuple[Information, Rinsed, Weigh]:
+    """What the drives say of the parameters after passes of an identifying filter over them, how they were estimated,
+    and what weighs some of the drives. What is not determined does not wander from pass to pass."""
+    left = information(one, drives, one.begin(), prior).left
+    one.scales = prior / best.SETTINGS.prior_share * np.clip(1 - left**2, 1e-3, 1.0)
+    rinsed = rinse(one, drives, Schedule(passes=IDENTIFICATION.most_passes), progress=progress)
+    weighed = weigh(one, drives, rinsed.values, one.begin(), prior)
+
+    def own(some: Sequence[Drive]) -> Information:
+        return weigh(one, some, weighed.values, one.begin(), prior)
+
+    return weighed, rinsed, own
+
+
+def _undetermined(refused: Sequence[Refusal]) -> InputError:
+    reasons = "; ".join(f"{refusal}; to determine it, {advice(refusal.name)}" for refusal in refused)
+    return InputError(f"the drives determine none of the free parameters: {reasons}")
+
+
+def _written(made: Identification) -> Vehicle:
+    """The vehicle with what was determined, and how well. Raises `InputError` where that makes no car."""
+    names = {*made.determined, "steering_gain", "steering_delay"}
+    try:
+        changed = handling_values.changes(made.vehicle, made.values, names)
+    except ValueError as error:
+        raise InputError(f"the parameters that were found make no car: {error}") from None
+    source = "identified by " + ", ".join(drive.name for drive in made.drives)
+    return handling_values.with_uncertainty(changed, made.file_deviations, source)
 
 
 def _noise(vehicle: Vehicle, model: Rates, least: Sequence[float]) -> list[float]:

@@ -256,7 +256,7 @@ class _Lines:
         return self.encoding.lower().startswith(("utf-16", "utf-32"))
 
     def pieces(self, size: int) -> Iterator[_Lines]:
-        """The same table with parts of its rows, each of about `size` bytes; notes are those of the first."""
+        """Tables with parts of the rows of this one, each of about `size` bytes; notes are those of the first."""
         begin, line = self.start, self.line
         with self.open() as file:
             last = file.seek(0, io.SEEK_END) if self.end is None else self.end
