@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -18,8 +19,9 @@ from vsense_ros.messages.recording import Recording
 from vsense_ros.model.coordinates import ROLL
 from vsense_ros.model.vehicle import Vehicle
 from vsense_ros.observer.state import FORWARD
-from vsense_ros.runner import Runner
+from vsense_ros.runner import Runner, steering_judge
 from vsense_ros.runner.guard import GUARD, is_covariance
+from vsense_ros.runner.vote_settings import STEERING
 
 
 @pytest.fixture
@@ -98,8 +100,12 @@ def test_the_observer_of_an_undisturbed_drive_is_never_sent_back(clean: Runner) 
     assert not clean.guard.failures
 
 
-def test_a_run_whose_filter_diverged_ends_with_three_and_a_sentence(tmp_path: Path) -> None:
-    """Neither steering angle nor inertial sensors are in the recording of this drive on a course."""
+def test_a_run_whose_filter_diverged_ends_with_three_and_a_sentence(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Neither steering angle nor inertial sensors are in the recording of this drive on a course, and the filter takes
+    it that nobody steers."""
+    monkeypatch.setattr(steering_judge, "STEERING", replace(STEERING, density=0.0))
     path = datasets.data_dir() / "racelogic_brake_stop" / "ExampleBrakeStop.vbb"
     if not path.exists():
         pytest.skip(f"needs the recording racelogic_brake_stop; looked in {path.parent}")
