@@ -23,7 +23,6 @@ class Gyro:
     frame_id: str = "body"
     geodetic: bool = False
     noisy: bool = True
-    noise_interval: float = 1.0
     least_stated: float = 0.5
     latency: float = 0.0
     timeout: float = 1.0

@@ -81,32 +81,3 @@ def test_a_clock_that_was_set_begins_a_new_series():
     for event in later:
         event.stamp += 3600 * SECOND
     assert heard(noise, later)[-1] == pytest.approx(STATED)
-
-
-GNSS_PERIOD = SECOND // 10
-
-
-def fixes(noise: float, stated: float, period: int, count: int = 100) -> list[Event]:
-    """Velocities of a car that changes lanes, with white noise; both standard deviations in m/s."""
-    t = period * 1e-9 * np.arange(count)
-    motion = np.column_stack([20 + np.sin(0.5 * t), np.sin(2 * np.pi * 0.5 * t)])
-    values = motion + noise * np.random.default_rng(3).standard_normal((count, 2))
-    return [Event(0, k * period, value, np.full(2, stated**2)) for k, value in enumerate(values)]
-
-
-def test_a_receiver_that_states_too_little_gets_the_noise_that_it_shows_and_before_that_the_usual_one():
-    some = fixes(0.05, 0.001, GNSS_PERIOD)
-    used = heard(SensorNoise(0.15, np.array([0.1, 0.1])), some)
-    assert np.all(used[: SETTINGS.first - 1] == 0.1)
-    assert used[-1] == pytest.approx([0.05, 0.05], rel=0.3)
-
-
-@pytest.mark.parametrize("noise", [0.02, 0.1])
-def test_a_receiver_that_is_as_good_as_it_says_is_believed_in_a_lane_change(noise):
-    used = heard(SensorNoise(0.15, np.array([0.1, 0.1])), fixes(noise, noise, GNSS_PERIOD))
-    assert used[-1] == pytest.approx([noise, noise], rel=0.3)
-
-
-def test_what_a_slow_receiver_states_counts_because_the_car_moves_meanwhile():
-    used = heard(SensorNoise(0.15, np.array([0.1, 0.1])), fixes(0.05, 0.001, SECOND))
-    assert np.all(used[1:] == 0.001)

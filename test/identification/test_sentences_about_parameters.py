@@ -18,7 +18,7 @@ def identified(product_is_determined: bool) -> Any:
                             weakest=lambda _: "front_peak", pairs=tuple)  # fmt: skip
     return SimpleNamespace(
         free=names, found=found, refused=refused, products=(product,), rinsed=SimpleNamespace(settled=True),
-        start={"front_stiffness": 4.868e4, "front_peak": 0.9973},
+        verdict=None, is_kept=False, start={"front_stiffness": 4.868e4, "front_peak": 0.9973},
     )  # fmt: skip
 
 

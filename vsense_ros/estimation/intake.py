@@ -56,11 +56,7 @@ class Intake(Generic[Sensor]):
         self._reach, self._moving, self._merge = int(reach * 1e9), moving, int(merge * 1e9)
         self._together: dict[int, list[Event]] = {}  # that are to be averaged
         self._held: list[tuple[Event, int]] = []  # readings before the start, with the stamps of their messages
-        self._noise = {
-            i: SensorNoise(sensor.noise_interval, sensor.deviations())
-            for i, sensor in enumerate(self.sensors)
-            if sensor.noise_interval
-        }
+        self._noise = {i: SensorNoise() for i, sensor in enumerate(self.sensors) if sensor.noisy}
         self._punctuality = [Punctuality() for _ in self.sensors]
         self._doubtful: dict[int, list[tuple[int, int, Event]]] = {}  # that may be late, with stamps and arrivals
         self._released: dict[int, list[tuple[int, int, Event]]] = {}  # that turned out to be in time
@@ -137,7 +133,7 @@ class Intake(Generic[Sensor]):
         """Hold a reading of a message with a stamp [ns] until the noise of the sensors is known that have begun to
         send; then what was held, in order of arrival, with the variances that the readings show."""
         self._held.append((event, stamp))
-        if any(noise.awaited(event.stamp) for i, noise in self._noise.items() if self.sensors[i].noisy):
+        if any(noise.awaited(event.stamp) for noise in self._noise.values()):
             return []
         held, self._held = self._held, []
         for one, _ in held:

@@ -21,6 +21,7 @@ class SensorNoiseSettings:
     first: int = 16  # [-] readings of the first estimate; the next ones are of twice as many each, up to
     window: int = 256  # [-] newest readings, after as many of which the noise is estimated anew
     longest: int = 200_000_000  # [ns] from the first reading on, in which readings wait for the first estimate
+    gap: int = 1_000_000_000  # [ns] between two readings, from which on the later one is not of the same series
     more: float = 1.3  # [-] times the stated standard deviation, from which on the estimate is significantly larger
     noisier: float = 3.0  # [-] times the stated standard deviation, from which on that is reported
 
@@ -34,19 +35,12 @@ class SensorNoise:
     What a driver or a vehicle file states is the least variance that a reading may have: `raise_variance` takes the
     larger of that and of what the newest readings show among themselves, where that is significantly more. It is
     independent of any model, and does not take an offset, a drift or a jump for noise.
-
-    Readings that are `longest_interval` [s] or more apart are not of one series. Until a series shows its noise, its
-    readings have at least the `usual` standard deviations (m,): a driver that states centimetres as metres would
-    otherwise make a filter sure of its first fixes.
     """
 
-    def __init__(self, longest_interval: float = 1.0, usual: Array | None = None) -> None:
-        self._gap = round(longest_interval * 1e9)  # [ns]
-        self._usual = None if usual is None else usual**2  # variances; None: those that are stated
-        self._estimated = False  # True once a series has shown its noise
+    def __init__(self) -> None:
         self._newest: deque[Array] = deque(maxlen=SETTINGS.window)
         self._first = self._last = 0  # stamps of the first and the last reading of the series [ns]
-        self._elsewhere = -self._gap  # stamp of a reading after it that is not of the series [ns]
+        self._elsewhere = -SETTINGS.gap  # stamp of a reading after it that is not of the series [ns]
         self._until = SETTINGS.first  # readings to come before the next estimate
         self._variance: Array | None = None  # (m,) where it is larger than what was stated then
         self.noisier: dict[int, tuple[float, float]] = {}  # components, with estimated and stated standard deviations
@@ -58,23 +52,21 @@ class SensorNoise:
             self._until -= 1
             if not self._until:
                 self._estimate(event.variance)
-            elif self._usual is not None and not self._estimated:
-                event.variance = np.maximum(event.variance, self._usual)
         self.raise_variance(event)
 
     def _goes_on(self, stamp: int) -> bool:
         """True if a stamp [ns] belongs to the series of readings: a single one from elsewhere in time does not, two in
         a row begin a new series."""
-        if 0 < stamp - self._elsewhere < self._gap:
+        if 0 < stamp - self._elsewhere < SETTINGS.gap:
             self._newest.clear()
             self._until = SETTINGS.first
-        elif self._newest and not 0 < stamp - self._last < self._gap:
-            if abs(stamp - self._last) >= self._gap:
+        elif self._newest and not 0 < stamp - self._last < SETTINGS.gap:
+            if abs(stamp - self._last) >= SETTINGS.gap:
                 self._elsewhere = stamp
             return False
         if not self._newest:
             self._first = stamp
-        self._last, self._elsewhere = stamp, -self._gap
+        self._last, self._elsewhere = stamp, -SETTINGS.gap
         return True
 
     def awaited(self, stamp: int) -> bool:
@@ -88,7 +80,7 @@ class SensorNoise:
 
     def _estimate(self, stated: Array) -> None:
         """Estimate the noise anew from the newest readings, whose stated variances are (m,)."""
-        self._until, self._estimated = len(self._newest), True
+        self._until = len(self._newest)
         deviation = np.array([white_noise(component) for component in np.array(self._newest).T])
         usual = np.sqrt(stated)
         more = deviation > SETTINGS.more * usual

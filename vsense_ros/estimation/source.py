@@ -17,7 +17,6 @@ class Source(Protocol):
     message: ClassVar[str]  # message type
     geodetic: ClassVar[bool]  # True: `read` finds `east` and `north` [m] beside latitude and longitude
     noisy: ClassVar[bool]  # True: noise makes equal messages in a row impossible
-    noise_interval: ClassVar[float]  # [s] between readings, up to which what changes at random in them is noise
     least_stated: ClassVar[float]  # share of `deviations` below which the one that a message states does not count
 
     @property

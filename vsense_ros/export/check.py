@@ -140,11 +140,15 @@ class _Twin(CarFilter):
     """A filter whose every call is made to the exported one as well, and the results compared.
 
     The struct of the exported one stands in the memory of the filter's car, so that both go back together for a late
-    measurement. What is written into the mean directly, at the start and where the car stands, is copied.
+    measurement. What is written directly is copied: into the mean, at the start and where the car stands, and into the
+    covariance, where the observer takes a sensor to be less certain than it says. `seen` (n + n²,) has both as they
+    were after the newest call.
     """
 
-    def __init__(self, own: ErrorEkf | Spi, other: Exported, difference: Difference, mean: Array) -> None:
-        self.own, self.other, self.difference, self._mean_there = own, other, difference, mean
+    def __init__(self, own: ErrorEkf | Spi, other: Exported, difference: Difference, seen: Array) -> None:
+        self.own, self.other, self.difference = own, other, difference
+        size = len(own.car.mean)
+        self._mean_seen, self._covariance_seen = seen[:size], seen[size:].reshape(size, size)
         self.car, self.memory, self.inputs = own.car, own.memory, own.inputs
         self.names, self.sensors = own.names, own.sensors
 
@@ -163,11 +167,17 @@ class _Twin(CarFilter):
         if "surveyed" in parts:
             parts["surveyed"][:] = car.surveyed
         self.difference.placed += 1
-        self._mean_there[:] = car.mean
+        self._see()
+
+    def _see(self) -> None:
+        self._mean_seen[:], self._covariance_seen[:] = self.car.mean, self.car.covariance
 
     def _follow(self) -> None:
-        if not np.array_equal(self._mean_there, self.car.mean):
+        if not np.array_equal(self._mean_seen, self.car.mean):
             self._copy()
+        elif not np.array_equal(self._covariance_seen, self.car.covariance):
+            self.other.covariance[:] = self.car.covariance
+            self.difference.widened += 1
         self.other.parts["inputs"][:] = self.inputs
 
     def _compare(self) -> None:
@@ -175,7 +185,7 @@ class _Twin(CarFilter):
         size = np.abs(ours.mean)
         size[FORCE] = size[FORCE].max()
         self.difference.compare(theirs, ours, np.maximum(1.0, size))
-        self._mean_there[:] = self.car.mean
+        self._see()
 
     def linearize(self) -> None:
         parts = self.other.parts
@@ -211,7 +221,7 @@ class _Twin(CarFilter):
         self._follow()
         self.own.set_element(index, value, deviation)
         self.other.place(index, value, deviation)
-        self._mean_there[:] = self.car.mean
+        self._see()
 
     def belief(self) -> Gaussian:
         return self.own.belief()
@@ -244,10 +254,10 @@ def _twin(
     size, count = layout(sensors).size, len(vehicle.observer.parameters)
     struct = sum(c.Observer.of(vehicle).fields().values())
     kept = numbers_kept(size, count)
-    car = CarBlocks(vehicle, sensors, extra=kept + struct + size, prior=prior)
+    car = CarBlocks(vehicle, sensors, extra=kept + struct + size + size**2, prior=prior)
     own = Spi(car, FILTERS[vehicle.observer.parameter_filter]) if count else ErrorEkf(car)
-    theirs, mean = car.extra[kept : kept + struct], car.extra[kept + struct :]
-    return _Twin(own, Exported(vehicle, library, theirs), difference, mean)
+    theirs, seen = car.extra[kept : kept + struct], car.extra[kept + struct :]
+    return _Twin(own, Exported(vehicle, library, theirs), difference, seen)
 
 
 def compare(

@@ -46,6 +46,7 @@ class Difference:
     returns: int = 0  # of late measurements, for which both go back
     surveyed: int = 0  # looks at the road that the vehicle file knows
     placed: int = 0  # how often C was given Python's state: at start, and where the heading was first taken
+    widened: int = 0  # how often it was given Python's covariance, where that takes a sensor to be less certain
 
     @property
     def largest(self) -> float:
@@ -68,12 +69,13 @@ class Difference:
         """Lines for the terminal."""
         outputs = "" if self.outputs is None else f", outputs {self.outputs:.1e}"
         looks = f", {self.surveyed} looks at a known road" if self.surveyed else ""
+        widened = f"; the covariance {self.widened} times, where a sensor is doubted" if self.widened else ""
         return [
             f"Greatest difference {self.largest:.1e} (state {self.state:.1e}, covariance {self.covariance:.1e}, "
             f"innovations {self.innovation:.1e}{outputs})",
             f"after {self.predictions} predictions and {self.corrections} corrections in a row; "
             f"{self.returns} returns for late measurements{looks}; "
-            f"the state was copied {self.placed} times, at the start.",
+            f"the state was copied {self.placed} times, at the start{widened}.",
         ]
 
 

@@ -36,7 +36,8 @@ class PredictionSettings:
     largest: float = 0.05  # [rad] beyond which an error counts no more: a car that stops has any course
     rate: float = 20.0  # [Hz] of the estimates
     fewest: int = 4  # silences, without which nothing is judged
-    worse: float = 1.0  # [-] standard errors by which a file must predict worse to be refused
+    # [-] standard errors by which a file must predict worse to be refused: by chance 2 of 100 equally good ones do.
+    worse: float = 2.0
 
 
 PREDICTION = PredictionSettings()

@@ -182,8 +182,6 @@ class SensorBase(Part):
     least_stated: ClassVar[float] = 1e-3
     sampling: ClassVar[Sampling | None] = None  # in a simulation; None: it gives nothing there
     noisy: ClassVar[bool] = False  # True: noise makes equal messages in a row impossible
-    # [s] between two readings, up to which what changes in them at random is noise, and no motion; 0: never.
-    noise_interval: ClassVar[float] = 0.0
     longest_still: ClassVar[float] = inf  # [s] for which a component may keep its value in a moving car …
     longest_still_if_coarse: ClassVar[float] = 10.0  # [s] … if it takes few values
     saturates: ClassVar[bool] = False  # True: components that stay at the end of their range are at its limit

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from typing import ClassVar
-
 import numpy as np
 
 from vsense_ros.model.parameter import parameter
@@ -18,9 +16,6 @@ class Receiver(SensorBase):
 
 class Antenna(Receiver):
     """Measures how one antenna moves."""
-
-    # At 10 Hz third differences of the velocity of a car that changes lanes are those of noise of 0.01 m/s.
-    noise_interval: ClassVar[float] = 0.15
 
     position: Position = parameter("m", "antenna in the axes of cog", default=(0.0, 0.0, 0.0))
 

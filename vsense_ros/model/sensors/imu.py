@@ -60,7 +60,6 @@ class Imu(SensorBase):
     uses_acceleration: ClassVar[bool] = True
     sampling: ClassVar[Sampling | None] = Sampling(4, 0, 1, (2**-12,) * 3 + (2**-9,) * 3)
     noisy: ClassVar[bool] = True
-    noise_interval: ClassVar[float] = 1.0
     longest_still: ClassVar[float] = 1.0
     saturates: ClassVar[bool] = True
     noise_fields: ClassVar[Names] = ("rate_noise", "force_noise")
