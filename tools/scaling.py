@@ -31,7 +31,7 @@ BAG, VEHICLE = ROOT / "bags/double_lane_change", "prototype_model"
 SPEED, STEP = 15.0, 0.004  # [m/s], [s]
 SLOTS, SLOT = 200, 2e-3  # measurements of a step, of so many seconds each
 LENGTHS = {  # [s] of recordings, by what is done with them
-    "run": (60, 240, 900),
+    "run": (24, 60, 120, 240, 900),
     "prepare explain": (900, 3600, 10800),
     "explain": (24, 60, 120, 240, 900),
 }
@@ -49,7 +49,10 @@ class Cost:
 
 
 def repeated(recording: Recording, seconds: float) -> Recording:
-    """A recording over and over, for about so many seconds."""
+    """A recording over and over, for about so many seconds, without its reference."""
+    recording = replace(
+        recording, channels={t: c for t, c in recording.channels.items() if not t.startswith("reference/")}
+    )
     every = [channel for channel in recording.channels.values() if len(channel)]
     period = max(int(c.stamp[-1]) for c in every) - min(int(c.stamp[0]) for c in every) + 10_000_000
     count = max(1, round(seconds * 1e9 / period))
@@ -168,12 +171,12 @@ def picture(costs: dict[str, list[Cost]], path: Path) -> None:
     figure.savefig(path, metadata={"Date": None})
 
 
-def page(rows: list[tuple[str, int, int, float]], costs: dict[str, list[Cost]], image: str) -> str:
-    """The page."""
+def page(rows: list[tuple[str, int, int, float]], costs: dict[str, list[Cost]], image: str, longest: float) -> str:
+    """The page, of recordings of up to `longest` [s] where they are estimated and explained."""
     lines = [
         "# How cost grows", "",
-        "Made by `python tools/scaling.py docs/scaling.md`. Times are those of the machine on which it ran, which may",
-        "have been busy with something else; how they grow is what this page is about.", "",
+        f"Made by `python tools/scaling.py docs/scaling.md --longest {longest:g}`. Times are those of the machine on",
+        "which it ran, which may have been busy with something else; how they grow is what this page is about.", "",
         "## A step, by states and sensors", "",
         "Smallest time of a step of 4 ms with one correction by each sensor.", "",
         "| observer | states | sensors | step |", "|---|---|---|---|",
@@ -215,7 +218,7 @@ def main() -> None:
                 print(job, costs[job][-1], flush=True)
     image = arguments.page.with_suffix(".svg")
     picture(costs, image)
-    arguments.page.write_text(page(steps(), costs, image.name), encoding="utf-8")
+    arguments.page.write_text(page(steps(), costs, image.name, arguments.longest), encoding="utf-8")
 
 
 if __name__ == "__main__":

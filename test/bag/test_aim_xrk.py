@@ -107,8 +107,8 @@ def test_a_compressed_log_is_the_same_and_one_that_was_cut_says_so(tmp_path: Pat
     with pytest.raises(InputError, match="Race Studio 3"):  # the line of the track is in what was cut
         import_recording(tmp_path / "cut.xrk")
     (tmp_path / "end.xrk").write_bytes(log() + log()[:-3])
-    told = " ".join(import_recording(tmp_path / "end.xrk").notes)
-    assert "it was cut" in told
+    notes = " ".join(import_recording(tmp_path / "end.xrk").notes)
+    assert "it was cut" in notes
 
 
 def test_without_a_date_times_count_from_1970_and_a_note_says_so(tmp_path: Path) -> None:

@@ -134,11 +134,11 @@ def test_sentences_and_damage_between_blocks_cost_nothing_else_and_are_counted(t
     assert find_importer(path).name == "septentrio"
     recording = import_recording(path)
     assert len(recording["gps/fix"]) == 2
-    told = " ".join(recording.notes)
-    assert "1 blocks left out: checksum wrong" in told
-    assert "cut at the end of the file" in told
+    notes = " ".join(recording.notes)
+    assert "1 blocks left out: checksum wrong" in notes
+    assert "cut at the end of the file" in notes
     left = len(sentence) + len(damaged) + len(b"$@junk") + len(solution(START)) - 4
-    assert f"{left} bytes belong to no whole block" in told
+    assert f"{left} bytes belong to no whole block" in notes
 
 
 @settings(deadline=None, max_examples=60)

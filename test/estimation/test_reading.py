@@ -87,7 +87,7 @@ def test_what_cannot_be_read_says_why() -> None:
     assert refused(empty).startswith("unreadable: KeyError")
 
 
-def test_noise_is_told_with_whose_it_is() -> None:
+def test_noise_is_stated_with_whose_it_is() -> None:
     reader = Reader(0, Gyro(), Map(None))
     assert reader.noise(np.full(2, DEVIATION**2)) == "0.1 rad/s, of the vehicle file"
     assert reader.noise(np.full(2, 0.04)) == "0.2 rad/s, of its messages; file 0.1 rad/s"
@@ -103,9 +103,9 @@ def test_noise_at_start_is_that_of_the_first_message_that_can_be_read() -> None:
     stamps = np.array([SECOND, 2 * SECOND])
     columns = {"vector": np.array([[np.nan, np.nan, 1.0], [0.1, 0.2, 0.04]])}
     recording = Recording({"gyro": Channel("gyro", Gyro().message, stamps, stamps, columns, "body")})
-    told = noise_at_start(recording, {"gyro": Variances(), "absent": Gyro(topic="other")})
-    assert told["gyro"].words == "0.2 rad/s, of its messages; file 0.1 rad/s"
-    assert list(told) == ["gyro"]
+    stated = noise_at_start(recording, {"gyro": Variances(), "absent": Gyro(topic="other")})
+    assert stated["gyro"].words == "0.2 rad/s, of its messages; file 0.1 rad/s"
+    assert list(stated) == ["gyro"]
 
 
 @pytest.mark.parametrize(("stated", "doubted"), [(0.1, False), (2.0, False), (5.8, True), (1e3, True), (1e-3, False)])

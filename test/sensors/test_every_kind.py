@@ -140,7 +140,7 @@ def test_what_a_simulated_message_says_is_read_as_the_truth_up_to_its_noise(sens
     assert np.all(np.abs(error.mean(axis=0)) <= 4 * deviation / n**0.5 + step)
 
 
-@pytest.mark.parametrize("sensor", [found for found in KNOWN if found.values[0].tells_speed])
+@pytest.mark.parametrize("sensor", [found for found in KNOWN if found.values[0].measures_speed])
 def test_speeds_of_a_car_on_equal_wheels_are_the_same_by_all_ways_to_tell_them(sensor: SensorBase):
     speed, radius = np.array([0.0, 10.0, 25.0]), 0.3
     rolling = "rolling speed" in sensor.measures

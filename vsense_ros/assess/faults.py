@@ -218,7 +218,7 @@ def concerns(case: Case, filter: str) -> bool:
     if FIX in topics:
         return adapter.has_position
     if topics == {VELOCITY}:
-        return any(topic != VELOCITY and sensor.tells_speed for topic, sensor in used.items())
+        return any(topic != VELOCITY and sensor.measures_speed for topic, sensor in used.items())
     return bool(topics & set(used))
 
 

@@ -162,8 +162,8 @@ def write_pieces(
             notes: dict[str, None] = {}
             for index, piece in enumerate(pieces):
                 notes |= dict.fromkeys(piece.notes)
-                told = {"notes": "\n".join(notes)} if notes else {}
-                writer.describe_bag({**({} if index else piece.metadata), **told})
+                in_lines = {"notes": "\n".join(notes)} if notes else {}
+                writer.describe_bag({**({} if index else piece.metadata), **in_lines})
                 _write(writer, piece)
         for old in _replaceable(path, overwrite):
             old.unlink()

@@ -236,7 +236,9 @@ def noise_at_start(recording: Recording, sensors: Mapping[str, Source]) -> dict[
         events = (reader.read(sample) for sample in recording[sensor.topic].in_order())
         first = next((event for event in events if isinstance(event, Event)), None)
         if first is not None and (words := reader.noise(first.variance)):
-            ratio = float(np.sqrt(np.max(first.variance / sensor.deviations() ** 2)))
+            usual = sensor.deviations()
+            known = usual > 0
+            ratio = float(np.max(np.sqrt(first.variance[known]) / usual[known], initial=0.0))
             found[name] = StatedNoise(words, ratio)
     return found
 

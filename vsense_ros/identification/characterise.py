@@ -202,7 +202,7 @@ def _steady(drive: DriveSignals) -> NDArray[np.bool_]:
     )
 
 
-def _determined(
+def _quantity(
     name: str, unit: str, value: float, deviation: float, why: str, file: float | None = None, note: str = ""
 ) -> Quantity:
     if not np.isfinite(value):
@@ -241,7 +241,7 @@ def _radii(found: Characteristics, drives: Sequence[DriveSignals], vehicle: Vehi
     for name, pieces in parts.items():
         value, deviation = regression(pieces)
         file = None if vehicle is None else float(rolling_radii(vehicle)[0 if "front" in name else 2])
-        found.quantities.append(_determined(name, "m", float(value[0]), float(deviation[0]), "no straight", file))
+        found.quantities.append(_quantity(name, "m", float(value[0]), float(deviation[0]), "no straight", file))
 
 
 def _steering(found: Characteristics, drives: Sequence[DriveSignals], vehicle: Vehicle | None) -> float | None:
@@ -281,18 +281,18 @@ def _steering(found: Characteristics, drives: Sequence[DriveSignals], vehicle: V
         all_of_it, all_known = regression(parts)
         ratio, ratio_known = float(all_of_it[0]), float(all_known[0])
         coefficients, deviations = all_of_it[1:], all_known[1:]
-        found.quantities.append(_determined("steering ratio", "-", ratio, ratio_known, "not separable", from_file))
+        found.quantities.append(_quantity("steering ratio", "-", ratio, ratio_known, "not separable", from_file))
         if not ratio > 0:
             ratio = from_file
     in_degrees = np.degrees(GRAVITY) / ratio
-    quantity = _determined(
+    quantity = _quantity(
         "understeer gradient", "deg/g", float(coefficients[0]) * in_degrees, float(deviations[0]) * in_degrees,
         "not separable from the ratio", np.degrees(GRAVITY) * understeer_gradient(vehicle),
         "file: of linear tyres under static loads",
     )  # fmt: skip
     found.quantities.append(quantity)
     offset, known = (float(np.degrees(value[1])) for value in (coefficients, deviations))
-    found.quantities.append(_determined(f"steering offset, {where}", "deg", offset, known, "not separable"))
+    found.quantities.append(_quantity(f"steering offset, {where}", "deg", offset, known, "not separable"))
     x, y = (np.concatenate([part[i] for part in parts]) for i in range(2))
     beyond = (y - coefficients[1]) / ratio - x[:, 0]
     found.scatters["understeer"] = Scatter(x[:, 1], np.degrees(beyond), float(np.degrees(coefficients[0]) / ratio))
@@ -330,7 +330,7 @@ def _roll(found: Characteristics, drives: Sequence[DriveSignals]) -> None:
         found.quantities.append(Quantity("roll gradient", "deg/g", note=why))
         return
     scale = np.degrees(GRAVITY)
-    quantity = _determined("roll gradient", "deg/g", float(value[0]) * scale, float(deviation[0]) * scale, "no bends")
+    quantity = _quantity("roll gradient", "deg/g", float(value[0]) * scale, float(deviation[0]) * scale, "no bends")
     if felt:
         note = "by the accelerometer: its scale and the bank of the road count as roll"
         quantity = Quantity(quantity.name, quantity.unit, quantity.value, quantity.deviation, note)
@@ -357,7 +357,7 @@ def _wheel_stiffness(found: Characteristics, drives: Sequence[DriveSignals], veh
             name = f"{what} of a tyre, {axle}"
             file = by_file(vehicle, axle)[0 if unit == "N" else 1] if vehicle is not None else None
             found.quantities.append(
-                _determined(name, unit, float(value[0]), float(deviation[0]), "too little slip", file)
+                _quantity(name, unit, float(value[0]), float(deviation[0]), "too little slip", file)
             )
             x, y = parts[0]
             found.scatters[f"{what} {axle}"] = Scatter(x[:, 0], y - value[1], float(value[0]))
@@ -395,9 +395,7 @@ def _axle_stiffness(
     for axle, pieces in parts.items():
         value, deviation = regression(pieces)
         name, file = f"cornering stiffness of the axle, {axle}", 2 * by_file(vehicle, axle)[1]
-        found.quantities.append(
-            _determined(name, "N/rad", float(value[0]), float(deviation[0]), "too little slip", file)
-        )
+        found.quantities.append(_quantity(name, "N/rad", float(value[0]), float(deviation[0]), "too little slip", file))
         x, y = (np.concatenate([piece[i] for piece in pieces]) for i in range(2))
         found.scatters[f"axle {axle}"] = Scatter(np.degrees(x[:, 0]), (y - value[1]) / 1e3, float(value[0]))
 

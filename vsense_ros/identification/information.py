@@ -141,15 +141,15 @@ def information(identifier: Identifier, drives: Sequence[Drive], values: Array, 
     are there. It is divided by how much more the pieces of the drives disagree about the parameters than noise would
     make them. Raises `FloatingPointError` where the pass cannot go on.
     """
-    return _determined_by(identifier, drives, np.asarray(values, dtype=float), prior)[0]
+    return _with_score(identifier, drives, np.asarray(values, dtype=float), prior)[0]
 
 
 def weigh(identifier: Identifier, drives: Sequence[Drive], values: Array, start: Array, prior: Array) -> Information:
     """The parameters that are likeliest by prior and drives together, and what is known of them: Gauss-Newton steps
     from `values` (p,), where passes have ended, with the prior around `start` (p,). A direction that the drives do not
-    tell goes back to where it started. Raises `FloatingPointError` where a pass cannot go on."""
+    determine goes back to where it started. Raises `FloatingPointError` where a pass cannot go on."""
     values = np.asarray(values, dtype=float)
-    found, score = _determined_by(identifier, drives, values, prior)
+    found, score = _with_score(identifier, drives, values, prior)
     for _ in range(INFORMATION.most_steps):
         step = np.linalg.solve(found.scaled + np.eye(len(prior)), score + (start - values) / prior)
         step *= min(1.0, INFORMATION.longest_step / max(float(np.abs(step).max()), 1e-12))
@@ -157,7 +157,7 @@ def weigh(identifier: Identifier, drives: Sequence[Drive], values: Array, start:
         inside[~np.isfinite(inside)] = 0.0
         new = np.clip(values + prior * step, identifier.low + inside, identifier.high - inside)
         try:
-            found, score = _determined_by(identifier, drives, new, prior)
+            found, score = _with_score(identifier, drives, new, prior)
         except FloatingPointError:
             break
         values = new
@@ -166,7 +166,7 @@ def weigh(identifier: Identifier, drives: Sequence[Drive], values: Array, start:
     return found
 
 
-def _determined_by(
+def _with_score(
     identifier: Identifier, drives: Sequence[Drive], values: Array, prior: Array
 ) -> tuple[Information, Array]:
     """The information, and the score (p,): the gradient of the log-likelihood at `values`, both scaled by the prior

@@ -34,7 +34,6 @@ Array = NDArray[np.float64]
 class StandInSettings:
     """When a base parameter may stand in for an effect, and when bends go to one side."""
 
-    several: int = setting(3, "-", "recordings, of which one may differ from all others", JUDGEMENT)
     far: float = setting(2.0, "deviations", "of a base parameter from the vehicle file", JUDGEMENT)
     most: int = setting(3, "-", "effects that are listed for a base parameter", JUDGEMENT)
     other_side: float = setting(0.02, "-", "share of the squared yaw rate, below which a side is missing", JUDGEMENT)
@@ -111,35 +110,6 @@ def least_with(free: Iterable[int], equations: NormalEquations, held: int | None
         gradient = gradient + by * normal[:, held]
     change = np.linalg.solve(normal[np.ix_(stay, stay)], -gradient[stay])
     return value + float(gradient[stay] @ change), np.asarray(change, dtype=float)
-
-
-def recording_of_another_car(search: Search) -> str:
-    """A remark on the one recording of several that base parameters of its own would explain by the linear model, where
-    the others can share theirs; empty where there is none."""
-    dataset, equations = search.residuals.predictor.dataset, search.base.equations
-    groups = dataset.places_by_recording()
-    if len(groups) < SETTINGS.several or not search.base.free_parameters:
-        return ""
-    together = float(equations.values(equations.change()).sum())
-    falls = []
-    for group in groups:
-        rest = [i for i in range(len(equations.rows)) if i not in group]
-        apart = (float(equations.values(equations.change(part))[part].sum()) for part in (group, rest))
-        falls.append(together - sum(apart))
-    *_, second, most = np.argsort(falls)
-    beyond_noise = together - float(equations.rows.sum())
-    if falls[most] < THRESHOLDS.rival_share * beyond_noise or falls[second] > falls[most] / 2 or beyond_noise <= 0:
-        return ""
-    others = [i for i in range(len(equations.rows)) if i not in groups[most]]
-    apart_by = equations.change(groups[most]) - equations.change(others)
-    furthest = np.argsort(-np.abs(apart_by))[: SETTINGS.most]
-    sizes = [(equations.free_parameters[i], float(apart_by[i])) for i in furthest]
-    differ = ", ".join(f"{base_name(p.name)} {shown_value(by * p.deviation, p.unit, change=True)}" for p, by in sizes)
-    name = dataset.by_recording()[most][0].name
-    return (
-        f"{name} would be explained by base parameters of its own ({differ} against the other recordings): was it "
-        "another car, or the car with another load or other tyres?"
-    )
 
 
 def side_of_bends(residuals: Residuals) -> str:

@@ -57,7 +57,7 @@ class SensingNode(LifecycleNode, Generic[Params]):
     """
 
     model: type[Params]
-    tells_time = False  # whether this node publishes the time itself
+    publishes_time = False  # whether this node publishes the time itself
     consumes = False  # whether a replay waits for this node
 
     def __init__(self, name: str, model: type[Params], shared: Collection[str] = ()) -> None:
@@ -338,8 +338,8 @@ class SensingNode(LifecycleNode, Generic[Params]):
             self._diagnostics_publisher.publish(data)
 
     def _clock_sources(self) -> list[str]:
-        """Who publishes the time that this node goes by, or publishes; reported once where that is more than one."""
-        if not self.time_base.simulated and not self.tells_time:
+        """Who publishes the time that this node goes by, or publishes itself; reported once where these are several."""
+        if not self.time_base.simulated and not self.publishes_time:
             return []
         publishers = self.get_publishers_info_by_topic("/clock")
         found = [f"{p.node_namespace.rstrip('/')}/{p.node_name}" for p in publishers]

@@ -313,7 +313,7 @@ class ObserverNode(SensingNode[_OwnParameters]):
         if observer is None:
             return {}
         silent = {line.name: line.message for line in lines if line.level == Level.STALE}
-        speed = [name for name, sensor in observer.sensors.items() if sensor.tells_speed]
+        speed = [name for name, sensor in observer.sensors.items() if sensor.measures_speed]
         without_speed = all(name in silent for name in speed)
         return {
             name: message

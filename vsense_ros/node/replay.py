@@ -79,7 +79,7 @@ class ReplayParameters(SourceParameters):
 class Replay(SensingNode[ReplayParameters]):
     """See the module."""
 
-    tells_time = True
+    publishes_time = True
 
     _thread: threading.Thread | None = None
     _sources: ReplaySources | None = None

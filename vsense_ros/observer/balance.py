@@ -78,12 +78,12 @@ class Balance:
         has = np.isfinite(event.value)
         if silent and (has != self._has).any():
             self.settle()
-            self._has, self._measured = has, self._tells(has)
+            self._has, self._measured = has, self._measured_by(has)
             self._complete, self._comparable = bool(has.all()), bool(self._measured.any())
         if not (self._has & ~has).any():
             self._heard, self._value = event.stamp, np.where(self._has, event.value, _AT_REST)
 
-    def _tells(self, has: NDArray[np.bool_]) -> NDArray[np.bool_]:
+    def _measured_by(self, has: NDArray[np.bool_]) -> NDArray[np.bool_]:
         """The sums that can be made of these axes (6,), each of which is for the most part one of the car."""
         nearest = np.abs(self._to_car).argmax(axis=1)
         rates, forces = has[:3][nearest], has[3:][nearest]

@@ -46,9 +46,9 @@ class Beginning:
         self._first_stamp = 0
 
     @property
-    def tells_speed(self) -> bool:
+    def measures_speed(self) -> bool:
         """True if a sensor has sent that could measure the speed."""
-        return any(self._intake.sensors[i].tells_speed for i in self._first)
+        return any(self._intake.sensors[i].measures_speed for i in self._first)
 
     def clear(self) -> None:
         """Begin anew."""

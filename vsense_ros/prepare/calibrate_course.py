@@ -6,8 +6,8 @@ of the antenna from the rear axle and the cornering compliance k of that axle. O
     course - ∫ r dt = constant - b t - τ r + (x + l) r / V - k V r - s ∫ r dt,
 
 where b is the bias of the gyro, s the error of its scale, and τ how much older the course is than the yaw rate. Without
-the scale its error passes for latency. All of it is linear, and neither a
-heading nor a side slip needs to be measured (compare Bevly et al. 2006, IEEE Trans. Vehicular Technology 55(6)).
+s its error passes for latency. All of it is linear, and neither a heading nor a side slip needs to be measured (compare
+Bevly et al. 2006, IEEE Trans. Vehicular Technology 55(6)).
 """
 
 from __future__ import annotations
@@ -22,15 +22,14 @@ from vsense_ros.model.handling.base import slopes, static_loads
 from vsense_ros.model.sensors import Imu, Steering, WheelSpeeds
 from vsense_ros.model.sensors.gnss import Antenna, Receiver
 from vsense_ros.model.vehicle import Vehicle
+from vsense_ros.navigation.car_numbers import ANTENNA_DEVIATION, GYRO_SCALE_DEVIATION
 from vsense_ros.prepare.calibrated import Calibrated, Change
 from vsense_ros.prepare.calibration_drive import CALIBRATION, CalibrationDrive
 
 Array = NDArray[np.float64]
 
 _LATENCY = 0.05  # [s] that a receiver or a bus may be late, standard deviation where the file does not say
-_PLACE = 0.5  # [m] that an antenna may be off, likewise
 _COMPLIANCE = 0.3  # [-] of its value, likewise
-_SCALE = 0.01  # [-] of a gyro's scale, standard deviation: data sheets say up to ±3 % (InvenSense MPU-6050)
 _SMALLEST_LATENCY = 0.002  # [s] that is worth a change
 
 
@@ -66,8 +65,8 @@ def course(drives: Sequence[CalibrationDrive], car: Vehicle) -> Iterator[Calibra
     stated = [car.uncertainty[p].deviation for n in places if (p := f"sensors.{n}.position") in car.uncertainty]
     bias, scale, place = imu[1].rate_offset[2], imu[1].rate_scale[2], antenna.position[0]
     mean = np.array([-bias, 0.0, arm + place, -slip, -scale])
-    places_off, slip_off = max(stated, default=_PLACE), relative_compliance(car, "rear") * slip
-    prior = np.array([max(imu[1].rate_bias, 1e-4), _LATENCY, places_off, slip_off, _SCALE])
+    places_off, slip_off = max(stated, default=ANTENNA_DEVIATION), relative_compliance(car, "rear") * slip
+    prior = np.array([max(imu[1].rate_bias, 1e-4), _LATENCY, places_off, slip_off, GYRO_SCALE_DEVIATION])
     found = posterior(blocks, mean, prior)
     yield _gyro(imu[0], bias, found)
     yield _scale(imu[0], scale, found)

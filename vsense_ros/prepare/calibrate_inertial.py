@@ -24,7 +24,6 @@ Array = NDArray[np.float64]
 
 _TILT = 0.1  # [rad] that a sensor may lean, standard deviation
 _CROSSFALL = 0.02  # [rad] by which roads fall to the side on average, and do on both ways (AASHTO 2018: 1.5 to 2 %)
-_GRADE = 0.03  # [rad] of the grade at one place, standard deviation, as observer.surroundings.grade
 _GRADE_LENGTH = 1000.0  # [m] along which a grade lasts: over longer drives its mean vanishes
 # [-] of a turn that a gyro across reads, standard deviation: data sheets say ±2 % (InvenSense MPU-6050, Bosch BMI160)
 _CROSS_AXIS = 0.012
@@ -48,7 +47,7 @@ def inertial(drives: Sequence[CalibrationDrive], car: Vehicle) -> Iterator[Calib
     whole = any(np.isfinite(drive.forces[:, 2]).any() for drive in drives)
     yaw = _joined((-left.values[2], left.deviations[2]), (forward.values[2], forward.deviations[2]))
     tilts, offsets = [], []
-    for k, (post, sign, slope) in enumerate(((left, 1.0, _CROSSFALL), (forward, -1.0, _mean_grade(drives)))):
+    for k, (post, sign, slope) in enumerate(((left, 1.0, _CROSSFALL), (forward, -1.0, _mean_grade(drives, car)))):
         by_gyro = _tilt_by_gyro(drives, k, left) if whole else None
         tilt, offset = _tilt_and_offset(post, sign * GRAVITY, slope, by_gyro, imu.force_bias, whole)
         tilts.append(tilt)
@@ -89,10 +88,10 @@ def _forward(drives: Sequence[CalibrationDrive], imu: Imu) -> Posterior | None:
     return posterior(blocks, np.array([0.0, 1.0, 0.0, -imu.position[0]]), prior) if blocks else None
 
 
-def _mean_grade(drives: Sequence[CalibrationDrive]) -> float:
-    """Standard deviation of the mean grade of drives [rad], by how far they go."""
+def _mean_grade(drives: Sequence[CalibrationDrive], car: Vehicle) -> float:
+    """Standard deviation of the mean grade of drives [rad], by that of a grade at one place and how far they go."""
     distance = sum(float(np.nansum(np.where(drive.driving, drive.speed, 0.0))) for drive in drives) * CALIBRATION.step
-    return float(_GRADE * np.sqrt(_GRADE_LENGTH / (_GRADE_LENGTH + distance)))
+    return float(car.observer.surroundings.grade * np.sqrt(_GRADE_LENGTH / (_GRADE_LENGTH + distance)))
 
 
 def _tilt_by_gyro(drives: Sequence[CalibrationDrive], axis: int, left: Posterior) -> tuple[float, float] | None:

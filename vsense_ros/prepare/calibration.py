@@ -124,15 +124,15 @@ def calibrate_and_judge(recordings: Sequence[Recording], vehicle: Vehicle) -> Ca
     if not verdict.is_worse:
         return replace(found, verdict=verdict)
     kept: dict[str, Estimator] = {}
-    refused, best = [], before
+    refused: list[str] = []
+    found, best = calibrate(recordings, vehicle, kept), before
     for name, estimator in ESTIMATORS.items():
         tried = calibrate(recordings, vehicle, {**kept, name: estimator})
         predicted = predict(recordings, tried.vehicle)
         if compare(best, predicted).is_worse:
             refused.append(name)
         else:
-            kept[name], best = estimator, predicted
-    found = calibrate(recordings, vehicle, kept)
+            kept[name], found, best = estimator, tried, predicted
     return replace(found, verdict=compare(before, best), refused=tuple(refused))
 
 

@@ -42,7 +42,7 @@ class Placing(NamedTuple):
     element: int
     value: float
     deviation: float
-    known: float = 1.0  # which tells it from a `Move` where both are numbers alone
+    known: float = 1.0  # which distinguishes it from a `Move` where both are numbers alone
 
 
 class Widening(NamedTuple):

@@ -41,7 +41,7 @@ _CONVERGED = np.array([0.5, 0.5, 0.02])  # [m/s], [m/s], [rad/s] deviations of v
 _SETTLED = 1.0  # [s] from the start on before which nothing counts as converged
 _TURNED_PLACE, _TURNED_YAW = 10.0, 0.1  # [m], [rad] deviations once the car has been turned around
 _UNDECIDED = 0, 1, 5  # elements of velocity and rates that an `Apart` is about
-_BENT = 0.06  # [rad] deviation of a heading from which on it bends a velocity; one that a course tells has 0.05
+_BENT = 0.06  # [rad] deviation of a heading from which on it bends a velocity; one by a course has 0.05
 _ALIKE = 0.9  # correlation of the errors of two parameters that can hardly be told apart
 
 
@@ -137,8 +137,8 @@ class CarAdapter(Adapter):
         health = self.intake.health
         missing = [name for name, one in zip(self.sensors, health, strict=True) if not one.last_stamp]
         text = "waiting for " + (", ".join(missing) if missing else "a speed")
-        if missing and not self._beginning.tells_speed:
-            able = (name for name, sensor in self.sensors.items() if sensor.tells_speed)
+        if missing and not self._beginning.measures_speed:
+            able = (name for name, sensor in self.sensors.items() if sensor.measures_speed)
             text += f"; nothing measures the speed, which {' or '.join(able)} would"
         return text
 

@@ -1,7 +1,7 @@
 """A ROS 2 bag in which the car's bus was recorded as frames (can_msgs/Frame, as ros2_socketcan publishes it).
 
-The frames are decoded as those of a CAN log. Each topic of frames is a bus, which its name tells from others; the other
-topics of the bag stay as they are.
+The frames are decoded as those of a CAN log. Each topic of frames is a bus, which its name distinguishes from others;
+the other topics of the bag stay as they are.
 """
 
 from __future__ import annotations

@@ -313,7 +313,7 @@ def default_mapping(path: Path, mapping: str | Path | Mapping[str, Any] | None) 
             return candidate
     raise InputError(
         f"{path}: which column is what? Expected a mapping file {path.with_suffix('.yaml').name} beside it or the "
-        "option mapping; 'vsense import --guess' proposes one, vsense_ros/bag/importers/mapping.py defines its form"
+        "option mapping; 'vsense import --guess' proposes one, docs/reference/mappings.md lists its keys"
     )
 
 

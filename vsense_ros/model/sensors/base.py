@@ -215,12 +215,12 @@ class SensorBase(Part):
         return bool(self.measures & _OF_THE_MAP)
 
     @property
-    def tells_speed(self) -> bool:
+    def measures_speed(self) -> bool:
         """True if it measures the car's speed."""
         return not self.measures.isdisjoint({"rolling speed", "ground speed"})
 
     @property
-    def tells_turning(self) -> bool:
+    def measures_turning(self) -> bool:
         """True if it measures how the car turns."""
         return not self.measures.isdisjoint({"steering", "rates and forces"})
 
