@@ -24,13 +24,23 @@ from vsense_ros.node.ports import PtyPort, SlcanAdapter, open_port
 from vsense_ros.node.serial_link import SerialLink
 
 
+def soon(condition: Callable[[], bool], timeout: float = 5.0) -> bool:
+    """True as soon as a condition holds: bytes need a moment from one end of a terminal to the other."""
+    end = time.monotonic() + timeout
+    while not condition():
+        if time.monotonic() > end:
+            return False
+        time.sleep(1e-3)
+    return True
+
+
 def test_bytes_written_to_a_pty_arrive_unchanged(tmp_path: Path) -> None:
     port = PtyPort(str(tmp_path / "gnss"))
     data = bytes(range(256))
     assert not port.ready()
     assert port.write(data) == len(data)  # nobody reads
     with serial.Serial(str(tmp_path / "gnss"), timeout=1.0) as reader:
-        assert port.ready()
+        assert soon(port.ready)
         assert port.write(data) == 0
         assert reader.read(256) == data
     port.close()
@@ -73,7 +83,7 @@ def test_an_address_that_is_none_is_refused() -> None:
 def test_python_can_reads_the_frames_of_the_slcan_adapter(tmp_path: Path, frame: can.Message) -> None:
     adapter = SlcanAdapter(str(tmp_path / "can"))
     with can.Bus(channel=str(tmp_path / "can"), interface="slcan", sleep_after_open=0.0, timeout=0.1) as bus:
-        assert adapter.ready()
+        assert soon(adapter.ready)
         assert adapter.send(frame) == 0
         read = bus.recv(1.0)
     adapter.close()
@@ -96,7 +106,7 @@ def test_frames_of_an_adapter_that_dates_them_have_its_time_however_late_they_ar
     adapter = SlcanAdapter(str(tmp_path / "can"))
     with open_bus("slcan", str(tmp_path / "can"), sleep_after_open=0.0) as bus:
         assert isinstance(bus, SlcanBus)
-        assert adapter.ready()
+        assert soon(adapter.ready)
         milliseconds = [59_990, 59_999, 60_000, 60_007]
         for time_of_frame in milliseconds:
             frame.timestamp = time_of_frame * 1e-3 + 4e-4
@@ -118,7 +128,7 @@ def test_a_frame_of_an_adapter_without_a_clock_has_no_time_of_its_own(tmp_path: 
     adapter = SlcanAdapter(str(tmp_path / "can"))
     with open_bus("slcan", str(tmp_path / "can"), sleep_after_open=0.0) as bus:
         assert isinstance(bus, SlcanBus)
-        assert adapter.ready()
+        assert soon(adapter.ready)
         os.write(adapter._port.master, b"\a\rz\r" + line)
         read = [frame for frame in (bus.recv(0.2) for _ in range(4)) if frame is not None]
         assert [bytes(frame.data) for frame in read] == [b"\x1a\x2b"]
@@ -129,8 +139,8 @@ def test_a_frame_of_an_adapter_without_a_clock_has_no_time_of_its_own(tmp_path: 
 def test_a_slcan_driver_that_leaves_is_noticed(tmp_path: Path) -> None:
     adapter = SlcanAdapter(str(tmp_path / "can"))
     with can.Bus(channel=str(tmp_path / "can"), interface="slcan", sleep_after_open=0.0):
-        assert adapter.ready()
-    assert not adapter.ready()
+        assert soon(adapter.ready)
+    assert soon(lambda: not adapter.ready())
     assert adapter.send(can.Message(arbitration_id=1)) == 1
     adapter.close()
 
