@@ -8,7 +8,7 @@ from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy import signal
+from scipy import interpolate, signal
 
 from vsense_ros.checks.motion import ROAD_WHEEL, STEERING_WHEEL
 from vsense_ros.errors import InputError
@@ -27,13 +27,17 @@ class CalibrationSettings:
     """Bounds of the driving from which sensors are calibrated: decisions of this project."""
 
     step: float = 0.02  # [s] of the common clock
-    longest_gap: float = 0.35  # [s] between two messages, to interpolate between them
+    longest_gap: float = 0.35  # [s] between two messages, to interpolate between them; of a slower sensor:
+    longest_gap_periods: float = 1.5  # [-] periods of its messages, and
+    slowest: float = 1.1  # [s] the longest period; a receiver that reports once a second is usual
     block: float = 12.0  # [s] of driving within which residuals may be correlated
     least_speed: float = 4.0  # [m/s] below which a course says little
     linear_acceleration: float = 4.0  # [m/s²] lateral acceleration up to which a car is linear, about
-    cut_off: float = 1.0  # [Hz] below which signals are compared
+    cut_off: float = 1.0  # [Hz] below which signals are compared; less where GNSS is slower:
+    cut_off_periods: float = 0.25  # [-] of the rate of GNSS; a cubic spline keeps 99 % of a sine of that frequency
     straight: float = 0.02  # [rad/s] yaw rate below which a drive is straight
     apart: float = 0.1  # [s] between messages by which noise is measured: slower than vibration, faster than motion
+    slowest_noise: float = 0.15  # [s] between messages, beyond which motion hides their noise
     least_driving: float = 20.0  # [s] of a recording that is used
     least_messages: int = 20  # of a signal that is used
 
@@ -54,11 +58,12 @@ class CalibrationDrive:
     steering: Array  # (n,) [rad] road-wheel angle by the vehicle file
     noise: dict[str, Array]  # standard deviations of single messages, by kind of sensor and component
     at_road_wheel: bool = False  # the steering angle was measured there, not at the steering wheel
+    cut_off: float = CALIBRATION.cut_off  # [Hz] below which signals are compared
 
     def smooth(self, values: Array) -> Array:
-        """A signal (n, …) without what is faster than `CALIBRATION.cut_off`; NaN where it is not known."""
+        """A signal (n, …) without what is faster than `cut_off`; NaN where it is not known."""
         known = np.isfinite(values)
-        sections = signal.butter(2, CALIBRATION.cut_off, fs=1 / CALIBRATION.step, output="sos")
+        sections = signal.butter(2, self.cut_off, fs=1 / CALIBRATION.step, output="sos")
         found = signal.sosfiltfilt(sections, np.where(known, values, 0.0), axis=0)
         weight = signal.sosfiltfilt(sections, known.astype(float), axis=0)
         with np.errstate(invalid="ignore", divide="ignore"):
@@ -130,7 +135,10 @@ def drive_of(recording: Recording, vehicle: Vehicle) -> CalibrationDrive:
         for name, width in widths.items()
     }
     on_clock["steering"] = on_clock["steering"][:, 0]
-    return CalibrationDrive(recording.name, t, **on_clock, noise=noise, at_road_wheel=at_road_wheel)
+    time, velocity = found["velocity"]
+    period = _period(np.sort(time[np.isfinite(velocity).all(axis=1)]))
+    cut_off = min(CALIBRATION.cut_off, CALIBRATION.cut_off_periods / max(period, CALIBRATION.step))
+    return CalibrationDrive(recording.name, t, **on_clock, noise=noise, at_road_wheel=at_road_wheel, cut_off=cut_off)
 
 
 def _signals(sensor: SensorBase, channel: Channel, vehicle: Vehicle) -> Iterator[tuple[str, Array]]:
@@ -154,7 +162,7 @@ def _signals(sensor: SensorBase, channel: Channel, vehicle: Vehicle) -> Iterator
 
 def scatter(stamp: NDArray[np.int64], values: Array) -> Array:
     """Standard deviation of the noise of messages (m, k), component by component: that of second differences over
-    `CALIBRATION.apart`, to which motion adds little, over √6; NaN for a component with too few messages.
+    `CALIBRATION.apart`, to which motion adds little, over √6; NaN for a component with too few messages, or too slow.
 
     Components may come in messages of their own, with those of the others absent, as on a CAN bus.
     """
@@ -166,6 +174,8 @@ def _scatter_of(stamp: NDArray[np.int64], values: Array) -> float:
     if len(stamp) < 3:
         return np.nan
     period = float(np.median(np.diff(stamp))) * 1e-9
+    if period > CALIBRATION.slowest_noise:
+        return np.nan
     stride = max(round(CALIBRATION.apart / max(period, 1e-4)), 1)
     second = values[: -2 * stride] - 2 * values[stride:-stride] + values[2 * stride :]
     return float(np.sqrt(np.mean(second**2) / 6)) if len(second) > CALIBRATION.least_messages else np.nan
@@ -178,10 +188,30 @@ def _resampled(time: Array, values: Array, t: Array) -> Array:
     made = np.full((len(t), values.shape[1]), np.nan)
     for k, column in enumerate(values.T):
         good = np.isfinite(column)
-        if good.sum() < CALIBRATION.least_messages:
-            continue
-        known, at = time[good], column[good]
-        after = np.clip(np.searchsorted(known, t), 1, len(known) - 1)
-        near = known[after] - known[after - 1] <= CALIBRATION.longest_gap
-        made[:, k] = np.where(near, np.interp(t, known, at), np.nan)
+        if good.sum() >= CALIBRATION.least_messages:
+            made[:, k] = _interpolated(time[good], column[good], t)
     return made
+
+
+def _interpolated(time: Array, values: Array, t: Array) -> Array:
+    """A signal (m,) at the times t (n,), NaN in gaps: straight between messages, or by cubic splines where they come
+    so slowly that straight lines would cut bends off."""
+    period = _period(time)
+    longest = max(CALIBRATION.longest_gap, CALIBRATION.longest_gap_periods * min(period, CALIBRATION.slowest))
+    after = np.clip(np.searchsorted(time, t), 1, len(time) - 1)
+    near = time[after] - time[after - 1] <= longest
+    near &= (t >= time[0]) & (t <= time[-1])
+    if period <= CALIBRATION.longest_gap / 2:
+        return np.where(near, np.interp(t, time, values), np.nan)
+    made = np.full(len(t), np.nan)
+    distinct = np.flatnonzero(np.diff(time, prepend=-np.inf) > 0)
+    for piece in np.split(distinct, np.flatnonzero(np.diff(time[distinct]) > longest) + 1):
+        inside = (t >= time[piece[0]]) & (t <= time[piece[-1]])
+        if len(piece) >= 4 and inside.any():
+            made[inside] = interpolate.CubicSpline(time[piece], values[piece])(t[inside])
+    return np.where(near, made, np.nan)
+
+
+def _period(time: Array) -> float:
+    """Median time between messages [s], of sorted times; infinite for fewer than two."""
+    return float(np.median(np.diff(time))) if len(time) > 1 else np.inf
