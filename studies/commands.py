@@ -457,13 +457,14 @@ def own_car(out: Path, only: tuple[str, ...], plant: str | None, keep: Path | No
     parts = {"check": checks.planted()}
     if databases.is_dir():
         parts["can"] = checks.buses(databases)
-    outcomes, stopped = {}, {}
+    outcomes, stopped = {}, []
     table = plain_table("car", "", "side slip [°]", "within 2σ", "yaw rate [°/s]", "Fz [%]", "minutes")
     for car in job.cars(only, plant):
         try:
             outcomes[car.name] = one = job.newcomer(car, keep)
         except RuntimeError as error:
-            stopped[car.name] = str(error)
+            say(f"{car.name}: the way ended with {error}")
+            stopped.append(car.name)
             continue
         rows = (("catalogue", one.before), ("calibrated", one.by_calibration), ("identified", one.after))
         for words, row in rows:
@@ -477,7 +478,6 @@ def own_car(out: Path, only: tuple[str, ...], plant: str | None, keep: Path | No
     if "can" in parts:
         say(f"can: all signals of {parts['can']['found']} of {parts['can']['of']} cars.")
     say(f"Written to {out}.")
-    for name, why in stopped.items():
-        say(f"{name}: the way ended with {why}")
     if stopped:
+        say(f"The way ended early for {', '.join(stopped)}.")
         raise SystemExit(1)

@@ -102,6 +102,16 @@ def test_lags_of_a_receiver_with_few_messages_are_known_less_well(pair):
         assert list(lags(subject_of(signals, period=0.55), [])) == [], delay
 
 
+@pytest.mark.parametrize("period", [0.1, 1.0])
+@pytest.mark.parametrize("delay", [1.5, 2.4])
+def test_a_receiver_seconds_late_is_seen_by_the_speed_of_the_car(delay, period):
+    signals = only(Drive(turning=0.0, pushing=2.0).signals(late(delay, *GNSS_SIGNALS)), "wheel_fl", *GNSS_SIGNALS)
+    found = {finding.topic: finding for finding in lags(subject_of(signals, period=period), [])}
+    assert found[VELOCITY].reason is Reason.LATE_OR_OTHER
+    assert found[VELOCITY].evidence[WHEELS] == pytest.approx(delay, abs=0.1)
+    assert found[WHEELS].evidence[VELOCITY] == pytest.approx(-delay, abs=0.1)
+
+
 @pytest.mark.parametrize("drive", [Drive(turning=0.0, pushing=0.0), Drive(turning=0.05, pushing=0.05)])
 def test_a_drive_that_hardly_turns_or_changes_its_speed_shows_no_lag(drive):
     assert list(lags(subject_of(drive.signals(late(0.5, *INERTIAL))), [])) == []

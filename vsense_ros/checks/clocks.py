@@ -12,8 +12,19 @@ from numpy.typing import NDArray
 from vsense_ros.checks.aligned import spread
 from vsense_ros.checks.blame import who_is_wrong
 from vsense_ros.checks.finding import Confidence, Finding, Kind
-from vsense_ros.checks.lags import Match
-from vsense_ros.checks.motion import ACCELEROMETER, GNSS, GYRO, ROLE_OF, STEERED, STEERING_WHEEL, WHEELS, Motion
+from vsense_ros.checks.lags import LONG_LAGS, Match, match
+from vsense_ros.checks.motion import (
+    ACCELEROMETER,
+    GNSS,
+    GYRO,
+    OWN_SPEED,
+    OWN_VELOCITY,
+    ROLE_OF,
+    STEERED,
+    STEERING_WHEEL,
+    WHEELS,
+    Motion,
+)
 from vsense_ros.checks.motion import SETTINGS as MOTION
 from vsense_ros.checks.reason import Reason
 from vsense_ros.checks.roles import Role, Topics
@@ -52,6 +63,7 @@ class ClockSettings:
     position_correlation: float = setting(0.95, "-", "of both at the best lag")
     position_explained: float = setting(2.0, "-", "likewise for these")
     position_lag: float = setting(0.15, "s", "or half of the span, that they may be apart")
+    speed_lag: float = setting(0.8, "s", "that the speed by GNSS and the car's own may be apart", JUDGEMENT)
     slack: float = setting(1.0, "s", "by which a topic may begin or end beside the others", JUDGEMENT)
     slack_periods: float = setting(5.0, "-", "or so many of its periods", JUDGEMENT)
     moved_alike: float = setting(0.3, "s", "within which begin and end are moved by the same")
@@ -76,7 +88,7 @@ def lags(subject: Subject, earlier: Sequence[Finding]) -> Iterator[Finding]:
     motion, topics = subject.motion, subject.topics
     if motion is None:
         return
-    apart = _lags_between(motion)
+    apart = _lags_between(motion) | _speed_lag(motion)
     # Cars take a while to follow their steering: that a steering angle is in time clears nobody else.
     pairs = {pair: not lag for pair, lag in apart.items() if lag or _STEERING not in pair}
     blame = who_is_wrong(pairs, {_STEERING: 0.5})
@@ -142,6 +154,34 @@ def _beyond(found: Match, allowed: Allowed) -> float:
     """The lag of a match where it is clear and more than allowed; else 0."""
     clear = found.explained > SETTINGS.explained and abs(found.best) - abs(found.correlation) > SETTINGS.gained
     return found.lag if clear and not allowed.low <= found.lag <= allowed.high else 0.0
+
+
+def _speed_lag(motion: Motion) -> dict[tuple[str, str], float]:
+    """By how much the car's own speed is later than that by GNSS [s], where that is much: phones smooth theirs, and are
+    seconds late. Speeds are alike at lags at which turns are not any more, and so are compared over more of them."""
+    signals = motion.signals
+    if "east" not in signals:
+        return {}
+    ground = motion.smooth(np.hypot(signals.signals["east"], signals.signals["north"]))
+    for source in (WHEELS, OWN_VELOCITY, OWN_SPEED):
+        own = _own_speed(motion, source)
+        if own is None or spread(own) < SETTINGS.position_speed:
+            continue
+        found = match(motion.smooth(np.abs(own)), ground, signals.step, LONG_LAGS)
+        if found is None or found.best < SETTINGS.position_correlation or found.explained < SETTINGS.position_explained:
+            continue
+        if abs(found.lag) > max(SETTINGS.speed_lag, 0.5 * motion.gnss_span):
+            return {(ROLE_OF[source].value, _GNSS): found.lag}
+    return {}
+
+
+def _own_speed(motion: Motion, source: str) -> Array | None:
+    """Speed along the car by what it publishes itself, of no unit in particular; None without that source."""
+    signals = motion.signals.signals
+    if source != WHEELS:
+        return signals.get(ROLE_OF[source])
+    wheels = [values for name, values in signals.items() if name.startswith("wheel_")]
+    return np.asarray(np.mean(wheels, axis=0)) if wheels else None
 
 
 def _position_lag(motion: Motion, topics: Topics, velocity_is_right: bool) -> Iterator[Finding]:
