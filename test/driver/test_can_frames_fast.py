@@ -103,6 +103,26 @@ def test_a_damaged_file_is_never_read_otherwise_than_frame_by_frame(
         assert_same(found, _one_by_one(read_can_log(path)))
 
 
+@pytest.mark.parametrize(
+    ("whole", "damaged"),
+    [
+        (b"   Rx   d 8 2C", b" \r Rx   d 8 2C"),
+        (b" 0.044000 3  ", b" 0 044000 3  "),
+        (b" 0.044000 3  ", b" 0804400 3  "),
+        (b" 0.044000 3  ", b" 0.04400\x00 3  "),
+        (b" 0.044000 3  123 ", b" 0.044000 3  38FEF102x "),
+        (b" 0.044000 3  123 ", b" 0.044000 3  80000123 "),
+    ],
+    ids=["line return", "space in a time", "time without a point", "no text", "30 bits", "32 bits"],
+)
+def test_a_text_that_is_no_frame_for_python_can_is_none_here(whole: bytes, damaged: bytes, tmp_path: Path) -> None:
+    path = written(tmp_path / "drive.asc", messages(60))
+    content = path.read_bytes()
+    assert content.count(whole) == 1
+    path.write_bytes(content.replace(whole, damaged))
+    assert at_once(path) is None
+
+
 def read_can_log_or_none(path: Path) -> CanLog | None:
     try:
         log = read_can_log(path)

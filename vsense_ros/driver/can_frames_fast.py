@@ -26,6 +26,7 @@ _CONTAINER, _CLASSIC = 10, (1, 86)  # types of objects
 _OTHER_FRAMES = (100, 101)  # CAN FD
 _ZLIB, _STORED = 2, 0
 _EXTENDED, _REMOTE = 0x8000_0000, 0x80
+_IDENTIFIER = 0x1FFF_FFFF  # the largest
 _MOST = 8  # [byte] of a classic frame
 
 # Lines of an ASC file that hold no data frame.
@@ -34,6 +35,7 @@ _ASC_OTHER = re.compile(
     rb"|\d+\.\d+ start of measurement.*|\d+\.\d+ +\d+ +(?:errorframe|[0-9a-f]+x? +[rt]x +r\b).*",
     re.IGNORECASE,
 )
+_LONE_RETURN = re.compile(rb"\r(?=[^\n])")  # ends a line for readers of text, and is left to them
 _MOST_OTHERS = 0.1  # of the lines, above which they are read one by one anyway
 _NO_DIGIT = 255
 _HEX = np.full(256, _NO_DIGIT, np.uint8)
@@ -149,13 +151,13 @@ def asc_frames(path: Path, first_time: FirstTime) -> CanFrames | None:
         tail = b""
         while block := file.read(_PIECE):
             whole, newline, tail = (tail + block).rpartition(b"\n")
-            part = _Words(whole + newline).frames()
+            part = None if _LONE_RETURN.search(whole) else _Words(whole + newline).frames()
             if part is None:
                 return None
             parts.append(part)
             triggers += len(re.findall(rb"(?i)\nbegin triggerblock", whole))
         if tail.strip():
-            part = _Words(tail + b"\n").frames()
+            part = None if _LONE_RETURN.search(tail) else _Words(tail + b"\n").frames()
             if part is None:
                 return None
             parts.append(part)
@@ -195,7 +197,7 @@ class _Words:
         if len(others) > max(_MOST_OTHERS * len(self._count), 20) or not all(map(self._is_other, others.tolist())):
             return None
         first, size = first[is_frame], size[is_frame]
-        time, channel = (self._number(first + place) for place in (0, 1))
+        time, channel = self._number(first, points=1), self._number(first + 1, points=0)
         identifier = self._identifier(first + 2)
         data = self._data(first + 6, size)
         if time is None or channel is None or identifier is None or data is None:
@@ -212,16 +214,19 @@ class _Words:
         inside = places < self._ends[words][:, None]
         return np.where(inside, self._bytes[np.minimum(places, len(self._bytes) - 1)], 0).astype(np.uint8)
 
-    def _number(self, words: NDArray) -> NDArray | None:
-        """Decimal numbers; None where one is none."""
-        width = int((self._ends[words] - self._starts[words]).max(initial=1))
+    def _number(self, words: NDArray, points: int) -> NDArray | None:
+        """Decimal numbers with as many points, before and behind which a digit stands; None where one is none."""
+        length = self._ends[words] - self._starts[words]
+        width = int(length.max(initial=1))
         letters = self._letters(words, width)
-        if width > 20 or not np.isin(letters, np.frombuffer(b"0123456789.\0", np.uint8)).all():
+        is_point = letters == ord(".")
+        is_digit = (letters >= ord("0")) & (letters <= ord("9"))
+        ends_with_digits = is_digit[:, 0] & is_digit[np.arange(len(words)), length - 1]
+        if width > 20 or not ends_with_digits.all() or (is_point.sum(axis=1) != points).any():
             return None
-        try:
-            return np.ascontiguousarray(letters).view(f"S{width}")[:, 0].astype(np.float64)
-        except ValueError:
+        if ((is_digit | is_point).sum(axis=1) != length).any():
             return None
+        return np.ascontiguousarray(letters).view(f"S{width}")[:, 0].astype(np.float64)
 
     def _identifier(self, words: NDArray) -> NDArray | None:
         """Hexadecimal identifiers, with the flag of extended ones, which end with an x; None where one is none."""
@@ -237,6 +242,8 @@ class _Words:
         found = np.zeros(len(words), np.uint32)
         for place in range(8):
             found = np.where(inside[:, place], found << np.uint32(4) | digits[:, place], found)
+        if found.max() > _IDENTIFIER:
+            return None
         return found.astype(np.uint32) | np.where(extended, np.uint32(_EXTENDED), np.uint32(0))
 
     def _data(self, words: NDArray, size: NDArray) -> NDArray | None:
@@ -261,7 +268,7 @@ def _columns(time: NDArray, channel: NDArray, identifier: NDArray, length: NDArr
     place[order] = np.arange(len(order))
     return CanFrames(
         time,
-        (identifier & 0x1FFF_FFFF).astype(np.uint32),
+        (identifier & _IDENTIFIER).astype(np.uint32),
         (identifier & _EXTENDED) != 0,
         place[which].astype(np.int16),
         tuple(str(channel[row]) for row in first[order]),
