@@ -155,7 +155,8 @@ def test_who_no_longer_knows_where_he_is_does_not_keep_the_grip_of_the_last_plac
     assert ekf.car.parameters[index] == pytest.approx(0.1)
 
 
-def test_what_the_observer_estimates_itself_is_left_alone():
+def test_what_the_observer_estimates_itself_is_left_alone(monkeypatch: pytest.MonkeyPatch):
+    monkeypatch.setenv("VSENSE_COMPILE", "0")  # takes longer than calling a few functions once
     on_map, name = Map(ORIGIN), "effects.friction_change.relative"
     rows = [(*on_map.latitude_longitude(x, 0.0), 0.0, -0.3) for x in (0.0, 50.0)]
     vehicle = having(prototype(), friction_change={"relative": 0.1, "profile": rows})

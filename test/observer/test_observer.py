@@ -116,8 +116,11 @@ def test_gnss_that_comes_200_ms_late_gives_the_same_state(
     late.sort(key=lambda s: s.received or 0)
     exact = settings(vehicle, merge_window=0.0)
     if parameter_filter != "none":
-        mass = {"chassis.mass": EstimatedParameter(deviation=100.0, drift=1.0)}
-        exact = settings(exact, parameters=mass, parameter_filter=parameter_filter)
+        parameters = {
+            "chassis.mass": EstimatedParameter(deviation=100.0, drift=1.0),
+            "road.friction": EstimatedParameter(deviation=0.2, drift=0.01, lower=0.1),
+        }
+        exact = settings(exact, parameters=parameters, parameter_filter=parameter_filter)
     ordered, other = (observer_of(exact, lane_change) for _ in range(2))
     if way != "compiled":
         without_c(other.filter)

@@ -174,6 +174,7 @@ def joint_transition(kalman: Any, h: float, decay: Array, effect: Array) -> Arra
 FIVE = (MASS, FRICTION, "chassis.cog_to_front_axle", "chassis.yaw_inertia", "rear.tyre.lateral.nominal.initial_slope")
 
 
+@pytest.mark.usefixtures("parameters_uncompiled")
 @pytest.mark.exam
 @pytest.mark.parametrize("kind", ["ekf", "ukf"])
 def test_the_effect_of_parameters_is_the_difference_that_they_make(vehicle: Vehicle, kind: str) -> None:
@@ -193,6 +194,7 @@ def test_the_effect_of_parameters_is_the_difference_that_they_make(vehicle: Vehi
         np.testing.assert_allclose(found, expected, rtol=1e-4, atol=1e-4 * np.abs(expected).max())
 
 
+@pytest.mark.usefixtures("parameters_uncompiled")
 @pytest.mark.parametrize("kind", ["ekf", "ukf"])
 @pytest.mark.parametrize(("name", "step"), [(MASS, 1e-2), (FRICTION, 1e-5), ("chassis.cog_to_front_axle", 1e-5)])
 def test_the_sensitivity_of_the_state_is_what_another_parameter_makes_of_it(
@@ -226,6 +228,7 @@ def test_sigma_points_and_weights_are_those_of_julier(vehicle: Vehicle) -> None:
     np.testing.assert_allclose(sorted(made.weights), sorted(julier.Wm), rtol=1e-14)
 
 
+@pytest.mark.usefixtures("parameters_uncompiled")
 def test_where_the_state_is_known_the_ukf_corrects_as_filterpy_does(vehicle: Vehicle) -> None:
     spi = cornering(spi_of(vehicle, "ukf"))
     spi.covariance[:] = 0.0
@@ -256,6 +259,7 @@ def test_where_the_state_is_known_the_ukf_corrects_as_filterpy_does(vehicle: Veh
     np.testing.assert_allclose(spi.parameter_covariance, oracle.P, rtol=1e-6)
 
 
+@pytest.mark.usefixtures("parameters_uncompiled")
 @pytest.mark.parametrize("kind", ["ekf", "ukf"])
 def test_a_parameter_never_leaves_its_bounds(vehicle: Vehicle, kind: str) -> None:
     spi = cornering(spi_of(vehicle, kind, {MASS: {"deviation": 100.0, "lower": 690.0, "upper": 710.0}}))
@@ -267,6 +271,7 @@ def test_a_parameter_never_leaves_its_bounds(vehicle: Vehicle, kind: str) -> Non
             assert spi.car.parameters[spi._columns][0] == spi.values[0]
 
 
+@pytest.mark.usefixtures("parameters_uncompiled")
 def test_a_parameter_at_its_bound_is_a_warning(vehicle: Vehicle) -> None:
     observer = Runner(estimating(vehicle, {MASS: {"deviation": 10.0, "upper": 710.0}}))
     spi = observer.filter
@@ -354,6 +359,7 @@ class TestRefusals:
         with pytest.raises(ValidationError, match=r"bounds chassis\.mass by 100, which cannot be: hubs and wheels"):
             estimating(vehicle, {MASS: {"deviation": 50.0, "lower": 100.0}})
 
+    @pytest.mark.usefixtures("parameters_uncompiled")
     @pytest.mark.parametrize("kind", ["ekf", "ukf"])
     def test_a_parameter_without_effect_on_anything_that_is_measured(self, vehicle: Vehicle, kind: str) -> None:
         with pytest.raises(InputError, match=r"steering\.ratio cannot be estimated: it changes nothing"):
