@@ -49,13 +49,17 @@ def hidden_car() -> Vehicle:
 
 
 @cache
-def drives() -> tuple[Recording, ...]:
-    return tuple(generate(name, hidden_car(), 3) for name in ("double_oval_50", "right_turn", "coast_down"))
+def drive(name: str) -> Recording:
+    return generate(name, hidden_car(), 3)
+
+
+def bends() -> tuple[Recording, ...]:
+    return drive("double_oval_50"), drive("right_turn")
 
 
 @cache
 def calibrated() -> Calibration:
-    return calibrate(drives()[:2], catalogue_car())
+    return calibrate(bends(), catalogue_car())
 
 
 def quantity(name: str):
@@ -87,13 +91,15 @@ def test_what_is_hidden_comes_out_close_and_within_three_deviations(name, true, 
 @pytest.mark.slow
 def test_the_written_file_has_the_new_numbers_with_deviation_and_drives_and_keeps_the_rest(tmp_path):
     write_new_vehicle(tmp_path / "car.yaml", new_vehicle(catalogue_values(**CATALOGUE)))
-    for i, drive in enumerate(drives()[:2]):
-        write_bag(tmp_path / f"drive_{i}", drive)
+    for i, recording in enumerate(bends()):
+        write_bag(tmp_path / f"drive_{i}", recording.between(0.0, 30.0))
     names = ("drive_0", "drive_1", "--vehicle", "car.yaml", "--output", "new.yaml")
     arguments = [one if one.startswith("--") else str(tmp_path / one) for one in names]
     result = CliRunner().invoke(main, ["calibrate", *arguments, "--json"])
     assert result.exit_code == 0, result.stderr
-    table = {one["name"]: one for one in json.loads(result.output)["quantities"]}
+    said = json.loads(result.output)
+    assert said["prediction"]["silences"] == 2  # one in each half minute
+    table = {one["name"]: one for one in said["quantities"]}
     car = load_vehicle(tmp_path / "new.yaml")
     assert car.physics.steering.ratio == pytest.approx(table["steering ratio"]["after"], abs=1e-3)
     assert "drive_0" in car.uncertainty["physics.steering.ratio"].source
@@ -104,7 +110,7 @@ def test_the_written_file_has_the_new_numbers_with_deviation_and_drives_and_keep
 
 @pytest.mark.slow
 def test_what_a_straight_drive_does_not_determine_stays_and_is_said_with_what_to_drive(tmp_path):
-    found = calibrate(drives()[2:], catalogue_car())
+    found = calibrate([drive("coast_down")], catalogue_car())
     ratio = next(one for one in found.quantities if one.name == "steering ratio")
     assert not ratio.determined
     assert found.vehicle.physics.steering.ratio == catalogue_car().physics.steering.ratio
@@ -115,15 +121,14 @@ def test_what_a_straight_drive_does_not_determine_stays_and_is_said_with_what_to
 def test_a_reference_in_the_recording_is_not_looked_at():
     blind = [
         Recording({t: c for t, c in one.channels.items() if not t.startswith("reference")}, name=one.name)
-        for one in drives()[:2]
+        for one in bends()
     ]
     assert calibrate(blind, catalogue_car()).vehicle == calibrated().vehicle
 
 
 @pytest.mark.slow
 def test_a_drive_without_gnss_is_refused_with_what_is_missing():
-    drive = drives()[2]
-    without = Recording({t: c for t, c in drive.channels.items() if t != "gps/velocity"}, name="tunnel")
+    without = Recording({t: c for t, c in drive("coast_down").channels.items() if t != "gps/velocity"}, name="tunnel")
     with pytest.raises(InputError, match=r"tunnel: no GNSS velocity"):
         calibrate([without], catalogue_car())
 
