@@ -440,6 +440,16 @@ def test_an_antenna_beside_the_middle_of_a_car_in_a_bend_is_no_other_car():
     assert "look like" not in reason(straight, bend)
 
 
+def test_a_recording_of_which_nothing_is_compared_takes_no_signal_from_the_others():
+    doubtful = changed("vehicle/wheel_speeds", "velocity", scaled(slice(None), 1.5))(driven(prototype(), "brake"))
+    good = driven(prototype(), "slalom")
+    for compared, expected in (([good, doubtful], ""), ([good], "brake")):
+        dataset = build_dataset(compared, prototype())
+        found = hindrance([good, doubtful], dataset, build_dataset([], prototype()), prototype())
+        assert found is not None
+        assert (found.topic, found.recording) == ("vehicle/wheel_speeds", expected)
+
+
 def test_a_recording_of_another_car_among_several_is_left_out_and_named():
     big = prototype().with_parameters(
         {

@@ -123,23 +123,28 @@ def rolling(subject: Subject, _: Sequence[Finding]) -> Iterator[Finding]:
             return
     if not SETTINGS.least_radius < radius < SETTINGS.largest_radius:
         yield Finding(wheels, Kind.UNIT, Reason.WHEELS_RADIUS, against=velocity, evidence={"ratio": radius})
-    elif known is not None:
+    elif known is not None and abs(radius / known - 1.0) > SETTINGS.known_radius + _antenna_share(motion):
         evidence = {"ratio": radius, "known": known}
         yield Finding(wheels, Kind.UNIT, Reason.WHEELS_RADIUS_OF_FILE, against=velocity, evidence=evidence)
 
 
 def _radius_is_sure(motion: Motion) -> bool:
     """True if a ratio near that of km/h cannot be a small wheel: one that slips as the car brakes or accelerates all
-    the time, or one of a car with an antenna beside its middle, which is faster than the wheels in bends to one side
-    and slower in others."""
+    the time, or one of a car with an antenna beside its middle."""
     speed = motion.speed[np.isfinite(motion.speed)]
     if len(speed) and abs(speed[-1] - speed[0]) > SETTINGS.steady * len(speed) / motion.signals.rows(1.0):
         return False
+    return _antenna_share(motion) < SETTINGS.antenna_share
+
+
+def _antenna_share(motion: Motion) -> float:
+    """Share of the speed by which an antenna beside the middle of a car may be faster than the wheels on the whole: it
+    is in bends to one side, and slower in others."""
     if GNSS not in motion.turns:
-        return True
+        return 0.0
     bent = motion.turns[GNSS] / motion.speed
     bent = bent[np.isfinite(bent)]
-    return not len(bent) or SETTINGS.antenna * abs(float(np.mean(bent))) < SETTINGS.antenna_share
+    return SETTINGS.antenna * abs(float(np.mean(bent))) if len(bent) else 0.0
 
 
 def steering_range(subject: Subject, _: Sequence[Finding]) -> Iterator[Finding]:

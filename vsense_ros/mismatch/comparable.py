@@ -43,7 +43,8 @@ class Comparable:
 def comparable(recordings: Sequence[Recording], held_out: Sequence[Recording], vehicle: Vehicle) -> Comparable:
     """What can be compared of `recordings` and of those that are `held_out`."""
     fitted = without_spoilt(recordings, vehicle)
-    result = _compared(recordings, held_out, vehicle, beforehand(fitted, vehicle))
+    known = beforehand(fitted, without_spoilt(held_out, vehicle, fitted), vehicle)
+    result = _compared(recordings, held_out, vehicle, known)
     while wrong := hindrance([*result.recordings, *result.held_out], result.fitted, result.unseen, result.vehicle):
         rest = _without(result, wrong, vehicle) if len(result.left_out) < MOST_LEFT_OUT else None
         if rest is None:

@@ -8,7 +8,7 @@ whole recording prevents an answer; without that recording the user gets one abo
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -104,7 +104,8 @@ def _hindrances(
         for stretch in spoilt_stretches(windows, sensors):
             topic = sensors[stretch.sensor].topic if stretch.sensor else ""
             yield Hindrance(stretch.reason, topic, stretch.components, windows[0].name)
-    yield from _units(recordings, sensors, float(np.mean(rolling_radii(vehicle))))
+    driven = {windows[0].name for windows in drives}
+    yield from _units(recordings, sensors, float(np.mean(rolling_radii(vehicle))), driven)
     means = [(windows[0].name, Drive.of(windows, sensors, vehicle)) for windows in drives]
     yield from map(Hindrance, _too_little(fitted, [drive for _, drive in means[: len(fitted.by_recording())]]))
     for name, drive in means:
@@ -241,15 +242,19 @@ def _twins(sensors: Mapping[str, SensorBase]) -> Iterator[str]:
             )
 
 
-def _units(recordings: Sequence[Recording], sensors: Mapping[str, SensorBase], radius: float) -> Iterator[Hindrance]:
-    """Units, signs and axes that cannot be right, as `vsense info` finds them, in what the model is compared with."""
+def _units(
+    recordings: Sequence[Recording], sensors: Mapping[str, SensorBase], radius: float, driven: Collection[str]
+) -> Iterator[Hindrance]:
+    """Units, signs and axes that cannot be right, as `vsense info` finds them, in what the model is compared with.
+    Recordings that are not among the `driven` ones, of which something is compared, say nothing of the others."""
     for recording in recordings:
         subject = Subject(_as_mounted(recording, sensors), topics_of(sensors.values()), radius)
         signs = run((turning, axes_in_plane), subject)
         for finding in (*run(OF_UNITS, subject), *(one for one in signs if _is_sure(one))):
             if finding.topic in {sensor.topic for sensor in sensors.values() if sensor.is_compared}:
                 reason = f"in {recording.name}, {finding.topic}: {sentence(finding)}"
-                yield Hindrance(reason, finding.topic, COMPONENTS_OF.get(finding.signal, ()))
+                of_itself = recording.name if driven and recording.name not in driven else ""
+                yield Hindrance(reason, finding.topic, COMPONENTS_OF.get(finding.signal, ()), of_itself)
 
 
 def _is_sure(sign: Finding) -> bool:

@@ -31,7 +31,7 @@ from vsense_ros.messages.recording import Recording
 from vsense_ros.mismatch import answer as entries
 from vsense_ros.mismatch.answer_schema import VERSION, Answer, EffectEntry, Located, OutOfReach
 from vsense_ros.mismatch.answer_sentence import conditions, sentence
-from vsense_ros.mismatch.beforehand import Beforehand
+from vsense_ros.mismatch.beforehand import Beforehand, not_proven
 from vsense_ros.mismatch.candidates import BASE, Candidate, base_parameters, candidates, out_of_reach
 from vsense_ros.mismatch.comparable import comparable
 from vsense_ros.mismatch.data_quality import faults_in_words, faults_of, misfit, steps_in_words
@@ -235,7 +235,7 @@ class _Explainer:
         if strange and (leader is None or misfit(leader.fit, search.residuals)):
             return self._refused(strange, search, judged, validation)
         shown = leader.fit if leader is not None else search.base
-        said = remarks(judged, Evidence(validation, shown, kinds, beyond, varying))
+        said = [*remarks(judged, Evidence(validation, shown, kinds, beyond, varying)), *not_proven(self.known)]
         alike, drive_next = what_looks_alike(search, judged)
         self.answer = self.answer.with_(remarks=(*self.answer.remarks, *said, *alike), drive_next=drive_next)
         self._answered(search, judged, validation, shown)
