@@ -48,6 +48,8 @@ _VELOCITY, _RATES = (slice(TWIST.start + part.start, TWIST.start + part.stop) fo
 _LONGITUDINAL_FORCES = slice(0, None, 4)
 _LATERAL_FORCES = slice(1, None, 4)  # of force x, y, z and moment of each wheel
 _UNKNOWN = np.full(6, np.nan)
+_YAW_OF_POSE = 5
+_SLOW = 4.0  # [m/s] below it a course says little of the heading
 _SMALLEST_SPEED = 0.5  # [m/s] below it a side-slip angle has no meaning
 
 
@@ -122,6 +124,9 @@ class Estimate:
         pose, twist = _on_map(self.covariance), self.covariance[..., TWIST, TWIST].copy()
         add_unseen(pose, twist, self, self.vehicle.observer.unseen, self.car.receiver_noise)
         twist[..., range(6), range(6)] += self.undecided
+        # Where the car goes is measured: what it goes sideways too much, it points elsewhere.
+        square = np.maximum(self.velocity[..., 0] ** 2, _SLOW**2)
+        pose[..., _YAW_OF_POSE, _YAW_OF_POSE] += self.undecided[..., 1] / square
         return pose, twist
 
     @cached_property

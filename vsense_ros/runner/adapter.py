@@ -86,6 +86,9 @@ class Adapter(ABC):
     left_out: str = ""  # effects of the vehicle file that the filter does not have, as a sentence
     heading_known: bool = True  # False while the direction of the car on the map is not
     knows_car: bool = False  # True: it has all axles, so that whole sensors can be left out
+    lateral_force_error: float = (
+        0.0  # [m/s²] deviation stated of the lateral force that the model lacks; 0: not estimated
+    )
     steering_error: int | None = None  # element of the state that is the error of the measured steering angle
 
     def __init__(self, vehicle: Vehicle) -> None:
@@ -124,6 +127,11 @@ class Adapter(ABC):
     @property
     def heading(self) -> float:
         """Direction of the car on the map [rad]; 0 where it is not known."""
+        return 0.0
+
+    @property
+    def missing_lateral_force(self) -> float:
+        """Lateral force that the filter has found the model to lack, over the mass [m/s²]."""
         return 0.0
 
     @property

@@ -27,7 +27,7 @@ from vsense_ros.observer.observable import needs, undetermined
 from vsense_ros.observer.road_map import RoadMap
 from vsense_ros.observer.sensors import check_sensors
 from vsense_ros.observer.spi import Spi
-from vsense_ros.observer.state import DISTURB, FORWARD, LATERAL, SLOPES, YAW_RATE, U
+from vsense_ros.observer.state import DISTURB, FORCE, FORWARD, LATERAL, SLOPES, YAW_RATE, U
 from vsense_ros.observer.tilt import Tilt
 from vsense_ros.runner.adapter import Adapter, Apart, Judged, Move, Placing, Report, Widening, adapter_of
 from vsense_ros.runner.guard import GUARD, Vitals
@@ -40,6 +40,7 @@ _SPIN_DEVIATION = 2.0  # [rad/s] of the spin of a wheel once the speed has been 
 _CONVERGED = np.array([0.5, 0.5, 0.02])  # [m/s], [m/s], [rad/s] deviations of velocity and yaw rate that may be used
 _SETTLED = 1.0  # [s] from the start on before which nothing counts as converged
 _TURNED_PLACE, _TURNED_YAW = 10.0, 0.1  # [m], [rad] deviations once the car has been turned around
+_LATERAL_FORCE = FORCE.start + Y  # element of the state
 _UNDECIDED = 0, 1, 5  # elements of velocity and rates that an `Apart` is about
 _BENT = 0.06  # [rad] deviation of a heading from which on it bends a velocity; one by a course has 0.05
 _ALIKE = 0.9  # correlation of the errors of two parameters that can hardly be told apart
@@ -63,6 +64,7 @@ class CarAdapter(Adapter):
         self.has_position = any("position" in sensor.measures for sensor in sensors.values())
         self.balance = Balance(vehicle, sensors)
         self.tilt = Tilt(sensors, self.car)
+        self.lateral_force_error = self.car.prior.deviation.item(_LATERAL_FORCE)
         self._start: Start | None = None
         if any("steering" in sensor.measures for sensor in sensors.values()):
             self.steering_error = DISTURB.start + STEERING_OFFSET
@@ -86,6 +88,10 @@ class CarAdapter(Adapter):
     @property
     def heading(self) -> float:
         return self.car.mean.item(YAW)
+
+    @property
+    def missing_lateral_force(self) -> float:
+        return self.car.mean.item(_LATERAL_FORCE) / self.vehicle.physics.chassis.mass
 
     @property
     def moving(self) -> bool:

@@ -29,6 +29,7 @@ from vsense_ros.observer.monitor import Limits, Monitor
 from vsense_ros.runner.adapter import Adapter, MakeFilter, Move, Placing, Report, Widening, adapter_of
 from vsense_ros.runner.direction_judge import DirectionJudge
 from vsense_ros.runner.fit_judge import FitJudge
+from vsense_ros.runner.force_judge import ForceJudge
 from vsense_ros.runner.guard import Guard
 from vsense_ros.runner.judge import Judges
 from vsense_ros.runner.placement import Place, Placement
@@ -81,6 +82,7 @@ class Runner:
         direction = DirectionJudge(adapter, lambda stamp, sentence: self.resets.report(stamp, sentence))
         judges = (
             FitJudge(adapter, self._all_believed),
+            ForceJudge(adapter, lambda: any(self.vote.out)),
             direction,
             SteeringJudge(adapter, self.vote, len(channels), self._complain),
             TravelJudge(adapter, self.intake, self.vote, direction, len(channels)),

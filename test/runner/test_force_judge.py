@@ -1,0 +1,52 @@
+"""What is stated of the estimates of a car whose vehicle file is another car's: as wide as they are wrong, and said."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from vsense_ros.bag.importers import import_recording
+from vsense_ros.evaluate.metrics import align
+from vsense_ros.evaluate.signals import read_signals
+from vsense_ros.files.installed import shared_folder, vehicle_path
+from vsense_ros.files.vehicle import load_vehicle
+from vsense_ros.model.vehicle import Vehicle
+from vsense_ros.runner import run
+
+SAID = "lateral tyre forces are not those of the vehicle file"
+
+
+def car(*, mass: float = 1.0, steering: float = 1.0) -> Vehicle:
+    """The observer's car of the bags with so many times its mass and its steering angle."""
+    vehicle = load_vehicle(vehicle_path("prototype_model"))
+    physics, sensors = vehicle.physics, dict(vehicle.sensors)
+    sensors["steering"] = sensors["steering"].model_copy(update={"gain": steering})
+    chassis = physics.chassis.model_copy(update={"mass": mass * physics.chassis.mass})
+    physics = physics.model_copy(update={"chassis": chassis})
+    return vehicle.model_copy(update={"physics": physics, "sensors": sensors})
+
+
+def within_three(bag: str, vehicle: Vehicle) -> tuple[dict[str, float], str]:
+    """Shares of errors against the truth within three of the standard deviations that are stated, and the headline."""
+    recording = import_recording(shared_folder("bags") / bag)
+    done = run(recording, vehicle, rate=50.0)
+    estimates, truths = (read_signals(one, what) for one, what in ((done.output, "vsense"), (recording, "reference")))
+    shares = {}
+    for name in ("lateral_velocity", "yaw"):
+        found = align(estimates[name], truths[name])
+        settled = found.stamp > recording.start + 2_000_000_000
+        shares[name] = float(np.mean(np.abs(found.error[settled, 0]) < 3 * found.deviation[settled]))
+    return shares, next(line.message for line in done.diagnostics if line.name == "observer")
+
+
+@pytest.mark.parametrize(("bag", "vehicle"), [("double_lane_change", car(mass=2.0)), ("hills", car(steering=2.0))])
+def test_estimates_by_a_file_that_is_off_by_a_factor_are_as_uncertain_as_they_are_wrong(
+    bag: str, vehicle: Vehicle
+) -> None:
+    shares, headline = within_three(bag, vehicle)
+    assert min(shares.values()) > 0.95, shares
+    assert SAID in headline
+
+
+def test_nothing_is_said_of_the_car_of_the_file() -> None:
+    assert SAID not in within_three("double_lane_change", car())[1]
