@@ -87,6 +87,18 @@ def test_another_steering_ratio_is_said_with_its_size(ratio: float) -> None:
     assert ("larger" if ratio > 1 else "smaller") in found(fit)["steering"].sentence()
 
 
+@pytest.mark.parametrize("ratio", [0.5, 2.0])
+def test_half_and_twice_the_steering_ratio_are_said_within_twenty_seconds(ratio: float) -> None:
+    fit = driven(20.0, ratio=ratio)
+    assert fit.gross_ratio is not None
+    assert abs(fit.gross_ratio.value - ratio) < 3 * fit.gross_ratio.deviation < 0.6
+    assert [one.words for one in fit.differing] == ["steering ratio times wheelbase"]
+
+
+def test_a_ratio_that_is_not_grossly_another_one_takes_its_time() -> None:
+    assert driven(60.0, ratio=1.15).gross_ratio is None
+
+
 def test_an_antenna_elsewhere_is_said_with_its_place() -> None:
     fit = driven(ahead=-0.8)
     assert [one.unit for one in fit.differing] == ["m"]

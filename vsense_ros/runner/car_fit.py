@@ -48,6 +48,10 @@ class CarFitSettings:
     asked: int = 1_000_000_000  # [ns] from one look at whether all sensors are believed to the next
     apart: float = 0.095  # [s] between two courses
     unlike: float = 9.0  # [-] mean square of the residuals of a block over their median, that is left out
+    quick_block: float = 4.0  # [s] of the blocks that tell a steering ratio which is grossly another one
+    quick_least: int = 2  # [-] such blocks before that is concluded
+    quick_confirmed: int = 2  # [-] times in a row
+    grossly: float = 0.25  # [-] that a ratio differs by then
     together: int = 5  # [-] steps whose mean is one row of the regression of the steering
     # Standard deviations before the drive.
     ratio_spread: float = 0.3  # [-]
@@ -121,6 +125,9 @@ class CarFit:
         self._accelerations, self._front, self._rear = axle_slips(vehicle)
         self._steering_blocks: deque[tuple[Array, Array]] = deque(maxlen=CAR_FIT.blocks)
         self._course_blocks: deque[tuple[Array, Array]] = deque(maxlen=CAR_FIT.blocks)
+        self._quick_blocks: deque[tuple[Array, Array]] = deque(maxlen=CAR_FIT.blocks)
+        self._gross: list[Quantity] = []  # estimates of the steering ratio that differ grossly, in a row
+        self.largest_angle = 0.0  # [rad] largest root mean square of the steering angle over such a block
         self._streaks: dict[str, int] = {}  # how often in a row a quantity has differed, by its words
         self.quantities: tuple[Quantity, ...] = ()  # what is known of the car by now
         self.forget()
@@ -130,6 +137,7 @@ class CarFit:
         self._steps: list[_Step] = []
         self._courses: list[tuple[float, float, float]] = []  # time [s], velocity east and north [m/s]
         self._sums, self._time = [0.0] * 4, 0.0
+        self._quick = 0  # the first step that no quick block has
 
     def travel(self, stamp: int, east: float, north: float) -> None:
         """Take in a velocity over ground [m/s] at a time [ns]."""
@@ -159,8 +167,27 @@ class CarFit:
         before = steps[-1].heading if steps else 0.0
         steps.append(_Step(end - time / 2, end, before + turned, *means))
         self._sums, self._time = [0.0] * 4, 0.0
+        if end - steps[self._quick].end >= CAR_FIT.quick_block:
+            self._end_quick_block()
         if end - steps[0].end >= CAR_FIT.block:
             self._end_block()
+
+    def _end_quick_block(self) -> None:
+        """Ask whether the steering ratio is grossly another one, of the steps since that was asked last."""
+        steps, self._quick = self._steps[self._quick :], len(self._steps)
+        angles = np.array([one.angle for one in steps])
+        if not np.isfinite(angles).all():
+            return
+        self._quick_blocks.append(self._steering_rows(steps))
+        self.largest_angle = max(self.largest_angle, float(np.sqrt(np.mean(angles**2))))
+        if len(self._quick_blocks) >= CAR_FIT.quick_least:
+            ratio = next(self._of_steering(self._quick_blocks, CAR_FIT.grossly))
+            self._gross = [*self._gross, ratio] if ratio.differs else []
+
+    @property
+    def gross_ratio(self) -> Quantity | None:
+        """The steering ratio times the wheelbase where that is grossly another one than the file's."""
+        return self._gross[-1] if len(self._gross) >= CAR_FIT.quick_confirmed else None
 
     def _end_block(self) -> None:
         """Make a block of regression rows of what came since the last one."""
@@ -181,7 +208,9 @@ class CarFit:
     @property
     def differing(self) -> list[Quantity]:
         """What is surely not as in the file."""
-        return [one for one in self.quantities if self._streaks.get(one.words, 0) >= CAR_FIT.confirmed]
+        sure = [one for one in self.quantities if self._streaks.get(one.words, 0) >= CAR_FIT.confirmed]
+        gross = self.gross_ratio
+        return sure if gross is None or any(one.words == gross.words for one in sure) else [gross, *sure]
 
     def _steering_rows(self, steps: list[_Step]) -> tuple[Array, Array]:
         """Rows of the equation of the steering angle."""
@@ -220,14 +249,7 @@ class CarFit:
         """The numbers of the car as far as the drive says."""
         s = CAR_FIT
         if len(self._steering_blocks) >= s.least:
-            prior = np.array([s.ratio_spread, s.understeer_spread, s.offset_spread, s.steering_lag])
-            steering = _fitted(self._steering_blocks, np.array([1.0, 0.0, 0.0, 0.0]), prior)
-            (ratio, more, *_), (spread, spread_of_more, *_) = steering.values.tolist(), steering.deviations.tolist()
-            yield Quantity("steering ratio times wheelbase", "", 1.0, ratio, spread, s.ratio)
-            per_g = degrees(GRAVITY)
-            file = float(self._front[1] - self._rear[1]) / float(self._accelerations[1])
-            figures = (per_g * one for one in (file, file + more, spread_of_more, s.understeer))
-            yield Quantity("understeer gradient", "°/g", *figures)
+            yield from self._of_steering(self._steering_blocks, s.ratio)
         if len(self._course_blocks) >= s.least:
             prior = np.array([s.bias_spread, s.scale_spread, s.course_lag, s.place_spread, s.slip_spread])
             course = _fitted(self._course_blocks, np.array([0.0, 0.0, 0.0, self._arm, 1.0]), prior)
@@ -235,6 +257,18 @@ class CarFit:
             yield Quantity("GNSS antenna ahead of the rear axle", "m", self._arm, arm, spread, s.place)
             words = "slip angle of the rear axle per lateral acceleration"
             yield Quantity(words, "", 1.0, slip, spread_of_slip, s.slip)
+
+    def _of_steering(self, blocks: Sequence[tuple[Array, Array]], tolerance: float) -> Iterator[Quantity]:
+        """The steering ratio, which may differ by a `tolerance` without a word, and the understeer gradient."""
+        s = CAR_FIT
+        prior = np.array([s.ratio_spread, s.understeer_spread, s.offset_spread, s.steering_lag])
+        steering = _fitted(blocks, np.array([1.0, 0.0, 0.0, 0.0]), prior)
+        (ratio, more, *_), (spread, spread_of_more, *_) = steering.values.tolist(), steering.deviations.tolist()
+        yield Quantity("steering ratio times wheelbase", "", 1.0, ratio, spread, tolerance)
+        per_g = degrees(GRAVITY)
+        file = float(self._front[1] - self._rear[1]) / float(self._accelerations[1])
+        figures = (per_g * one for one in (file, file + more, spread_of_more, s.understeer))
+        yield Quantity("understeer gradient", "°/g", *figures)
 
 
 def _fitted(blocks: Sequence[tuple[Array, Array]], mean: Array, prior: Array) -> Posterior:

@@ -1,4 +1,5 @@
-"""Is it the car of the vehicle file? Watched over minutes, and said with numbers where it surely is not."""
+"""Is it the car of the vehicle file? Watched over minutes, and said with numbers where it surely is not; a steering
+ratio that is grossly another one within seconds of driving, from which on the steering angle has the noise of that."""
 
 from __future__ import annotations
 
@@ -7,18 +8,22 @@ from math import nan
 
 from vsense_ros.estimation.timeline import Event, Timeline
 from vsense_ros.model.sensors import place_of
-from vsense_ros.runner.adapter import Adapter
+from vsense_ros.runner.adapter import Adapter, Widening
 from vsense_ros.runner.car_fit import CAR_FIT, CarFit
-from vsense_ros.runner.judge import Judge
+from vsense_ros.runner.judge import Judge, widening_event
+from vsense_ros.runner.vote_settings import STEERING
+
+_STEERED_FOR = 0.5  # [s] for which drivers hold an angle, before its error is another one
 
 
 class FitJudge(Judge):
     """Compares the car with its vehicle file by gyro, course and steering, while `are_believed()` says that no sensor
-    has been left out for long. It leaves nobody out: nothing of the estimate changes."""
+    has been left out for long. It leaves nobody out. `shift` is the channel of events by hand."""
 
-    def __init__(self, adapter: Adapter, are_believed: Callable[[], bool]) -> None:
+    def __init__(self, adapter: Adapter, are_believed: Callable[[], bool], shift: int) -> None:
         super().__init__()
-        self._adapter, self._are_believed = adapter, are_believed
+        self._adapter, self._are_believed, self._shift = adapter, are_believed, shift
+        self._widened = 0  # when the steering's error was last given time to change [ns]
         sensors = tuple(adapter.sensors.values())
         self._steering, self._course = (place_of(sensors, what) for what in ("steering", "course"))
         self.hears = frozenset((self._course,))
@@ -49,4 +54,12 @@ class FitJudge(Judge):
             self._fit.forget()
 
     def settle(self, timeline: Timeline) -> None:
-        """Nothing follows."""
+        gross, error, now = self._fit.gross_ratio, self._adapter.steering_error, timeline.stamp
+        if gross is None or error is None:
+            self._widened = now
+        elif now - self._widened >= STEERING.period:
+            spread = (gross.value - gross.file) * self._fit.largest_angle
+            density = min(2 * spread**2 / _STEERED_FOR, STEERING.density)
+            change = Widening(error, density * min(now - self._widened, STEERING.undecided) * 1e-9)
+            timeline.add(widening_event(self._shift, now, change))
+            self._widened = now

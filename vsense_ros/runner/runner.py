@@ -81,7 +81,7 @@ class Runner:
         self.vote = Vote(adapter, channels, others_there=self._others_there, by_hand=self._move, report=self._complain)
         direction = DirectionJudge(adapter, lambda stamp, sentence: self.resets.report(stamp, sentence))
         judges = (
-            FitJudge(adapter, self._all_believed),
+            FitJudge(adapter, self._all_believed, len(channels)),
             ForceJudge(adapter, lambda: any(self.vote.out)),
             direction,
             SteeringJudge(adapter, self.vote, len(channels), self._complain),
