@@ -48,7 +48,7 @@ _VELOCITY, _RATES = (slice(TWIST.start + part.start, TWIST.start + part.stop) fo
 _LONGITUDINAL_FORCES = slice(0, None, 4)
 _LATERAL_FORCES = slice(1, None, 4)  # of force x, y, z and moment of each wheel
 _UNKNOWN = np.full(6, np.nan)
-_YAW_OF_POSE = 5
+_PLACE, _YAW_OF_POSE = [0, 1], 5  # of position and attitude
 _SLOW = 4.0  # [m/s] below it a course says little of the heading
 _SMALLEST_SPEED = 0.5  # [m/s] below it a side-slip angle has no meaning
 
@@ -76,8 +76,9 @@ class Estimate:
     # (6,) force [N] and moment [N m] of the tyres beyond what the inertial sensor feels, as `model.car.balance` and
     # low-passed; NaN while it is not heard.
     unbalanced: Array = field(default_factory=_UNKNOWN.copy)
-    # (6,) variances of velocity and rates that contradictions between sensors add, until it is decided who is wrong.
-    undecided: Array = field(default_factory=lambda: np.zeros(6))
+    # (7,) variances of velocity, rates and place that contradictions between sensors add, until it is decided who is
+    # wrong.
+    undecided: Array = field(default_factory=lambda: np.zeros(7))
     longitudinal_shares: Array = field(default_factory=lambda: np.zeros(4))  # as `CarMemory`
     undetermined: Array = field(default_factory=lambda: np.zeros(2, dtype=bool))  # as `observable.undetermined`
 
@@ -123,7 +124,8 @@ class Estimate:
     def _motion_covariances(self) -> tuple[Array, Array]:
         pose, twist = _on_map(self.covariance), self.covariance[..., TWIST, TWIST].copy()
         add_unseen(pose, twist, self, self.vehicle.observer.unseen, self.car.receiver_noise)
-        twist[..., range(6), range(6)] += self.undecided
+        twist[..., range(6), range(6)] += self.undecided[..., :6]
+        pose[..., _PLACE, _PLACE] += self.undecided[..., 6:]
         # Where the car goes is measured: what it goes sideways too much, it points elsewhere.
         square = np.maximum(self.velocity[..., 0] ** 2, _SLOW**2)
         pose[..., _YAW_OF_POSE, _YAW_OF_POSE] += self.undecided[..., 1] / square

@@ -58,6 +58,7 @@ class Apart(NamedTuple):
     ahead: float = 0.0  # of the velocity [m/s]
     across: float = 0.0  # of the velocity [m/s]
     yaw_rate: float = 0.0  # [rad/s]
+    place: float = 0.0  # [m] east and north
 
 
 class Judged(NamedTuple):

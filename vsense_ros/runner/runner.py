@@ -33,6 +33,7 @@ from vsense_ros.runner.force_judge import ForceJudge
 from vsense_ros.runner.guard import Guard
 from vsense_ros.runner.judge import Judges
 from vsense_ros.runner.placement import Place, Placement
+from vsense_ros.runner.receiver_judge import ReceiverJudge
 from vsense_ros.runner.resets import Resets
 from vsense_ros.runner.steering_judge import SteeringJudge
 from vsense_ros.runner.travel_judge import TravelJudge
@@ -83,6 +84,7 @@ class Runner:
         judges = (
             FitJudge(adapter, self._all_believed, len(channels)),
             ForceJudge(adapter, lambda: any(self.vote.out)),
+            ReceiverJudge(adapter),
             direction,
             SteeringJudge(adapter, self.vote, len(channels), self._complain),
             TravelJudge(adapter, self.intake, self.vote, direction, len(channels)),
