@@ -76,9 +76,9 @@ class Estimate:
     # (6,) force [N] and moment [N m] of the tyres beyond what the inertial sensor feels, as `model.car.balance` and
     # low-passed; NaN while it is not heard.
     unbalanced: Array = field(default_factory=_UNKNOWN.copy)
-    # (7,) variances of velocity, rates and place that contradictions between sensors add, until it is decided who is
-    # wrong.
-    undecided: Array = field(default_factory=lambda: np.zeros(7))
+    # (8,) variances of velocity, rates, place and heading that contradictions between sensors add, until it is decided
+    # who is wrong, or that nobody measures.
+    undecided: Array = field(default_factory=lambda: np.zeros(8))
     longitudinal_shares: Array = field(default_factory=lambda: np.zeros(4))  # as `CarMemory`
     undetermined: Array = field(default_factory=lambda: np.zeros(2, dtype=bool))  # as `observable.undetermined`
 
@@ -125,10 +125,10 @@ class Estimate:
         pose, twist = _on_map(self.covariance), self.covariance[..., TWIST, TWIST].copy()
         add_unseen(pose, twist, self, self.vehicle.observer.unseen, self.car.receiver_noise)
         twist[..., range(6), range(6)] += self.undecided[..., :6]
-        pose[..., _PLACE, _PLACE] += self.undecided[..., 6:]
+        pose[..., _PLACE, _PLACE] += self.undecided[..., 6:7]
         # Where the car goes is measured: what it goes sideways too much, it points elsewhere.
         square = np.maximum(self.velocity[..., 0] ** 2, _SLOW**2)
-        pose[..., _YAW_OF_POSE, _YAW_OF_POSE] += self.undecided[..., 1] / square
+        pose[..., _YAW_OF_POSE, _YAW_OF_POSE] += self.undecided[..., 1] / square + self.undecided[..., 7]
         return pose, twist
 
     @cached_property

@@ -59,6 +59,7 @@ class Apart(NamedTuple):
     across: float = 0.0  # of the velocity [m/s]
     yaw_rate: float = 0.0  # [rad/s]
     place: float = 0.0  # [m] east and north
+    heading: float = 0.0  # [rad]
 
 
 class Judged(NamedTuple):

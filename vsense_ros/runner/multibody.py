@@ -41,7 +41,7 @@ _CONVERGED = np.array([0.5, 0.5, 0.02])  # [m/s], [m/s], [rad/s] deviations of v
 _SETTLED = 1.0  # [s] from the start on before which nothing counts as converged
 _TURNED_PLACE, _TURNED_YAW = 10.0, 0.1  # [m], [rad] deviations once the car has been turned around
 _LATERAL_FORCE = FORCE.start + Y  # element of the state
-_UNDECIDED = 0, 1, 5, 6  # elements of `Estimate.undecided` that an `Apart` is about
+_UNDECIDED = 0, 1, 5, 6, 7  # elements of `Estimate.undecided` that an `Apart` is about
 _BENT = 0.06  # [rad] deviation of a heading from which on it bends a velocity; one by a course has 0.05
 _ALIKE = 0.9  # correlation of the errors of two parameters that can hardly be told apart
 

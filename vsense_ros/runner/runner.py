@@ -32,6 +32,7 @@ from vsense_ros.runner.fit_judge import FitJudge
 from vsense_ros.runner.force_judge import ForceJudge
 from vsense_ros.runner.guard import Guard
 from vsense_ros.runner.judge import Judges
+from vsense_ros.runner.outage_judge import OutageJudge
 from vsense_ros.runner.placement import Place, Placement
 from vsense_ros.runner.receiver_judge import ReceiverJudge
 from vsense_ros.runner.resets import Resets
@@ -85,6 +86,7 @@ class Runner:
             FitJudge(adapter, self._all_believed, len(channels)),
             ForceJudge(adapter, lambda: any(self.vote.out)),
             ReceiverJudge(adapter),
+            OutageJudge(adapter, self.intake),
             direction,
             SteeringJudge(adapter, self.vote, len(channels), self._complain),
             TravelJudge(adapter, self.intake, self.vote, direction, len(channels)),
