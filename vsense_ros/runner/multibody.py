@@ -104,8 +104,8 @@ class CarAdapter(Adapter):
 
     @property
     def in_one_call(self) -> bool:  # type: ignore[override]
-        """True once no reading has to be asked for the heading first."""
-        return self.alignment.known
+        """True once no reading has to be asked for the heading first, nor takes a variance from that."""
+        return self.alignment.known and self.car.covariance.item(YAW, YAW) <= _BENT**2
 
     # Start
 
@@ -155,8 +155,10 @@ class CarAdapter(Adapter):
 
     def measured(self, event: Event) -> None:
         self.balance.measured(event)
-        if self.alignment.known and "course" in self.measures(event.sensor):
-            event.variance = event.variance + self._bend_of_course()
+
+    def correct(self, channel: Channel, event: Event) -> Innovation:
+        bent = self._bend_of_course() if "course" in self.measures(event.sensor) else 0.0
+        return self.filter.correct(channel.name, event.value, event.variance + bent, channel.limit)
 
     def _bend_of_course(self) -> float:
         """Variance of a velocity over ground by an error of the heading to second order, which the linearised equation
