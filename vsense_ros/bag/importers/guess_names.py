@@ -80,13 +80,13 @@ NAMES: tuple[Named, ...] = (
     Named(
         "imu/data", "linear_acceleration.0",
         rf"(?:(?:lon(?:g|gitudinal)?|längs|laengs|line?a?) ?{_ACC}|(?:linear )?{_ACC} ?(?:xv?|lon(?:g|gitudinal)?)"
-        rf"|a ?x|a ?long|x {_ACC}|g x|line?al? ?g)",
+        rf"|a ?x|a ?long|x {_ACC}|g x|line?al? ?gs?|longitudinal ?gs?|acceleration ?gs)",
         "acceleration",
     ),
     Named(
         "imu/data", "linear_acceleration.1",
         rf"(?:(?:lat(?:eral)?|quer) ?{_ACC}|(?:linear )?{_ACC} ?(?:yv?|lat(?:eral)?)|a ?y|a ?lat|y {_ACC}|g y"
-        r"|lateral ?g)",
+        r"|lateral ?gs?)",
         "acceleration",
     ),
     Named(
@@ -94,8 +94,8 @@ NAMES: tuple[Named, ...] = (
         rf"(?:vert(?:ical)? ?{_ACC}|(?:linear )?{_ACC} ?(?:zv?|vert(?:ical)?)|a ?z|z {_ACC}|g z|vertical ?g)",
         "acceleration",
     ),
-    Named("gps/fix", "latitude", r"lat(?:itude)?", "angle"),
-    Named("gps/fix", "longitude", r"(?:lon(?:g|gitude)?|lng)", "angle"),
+    Named("gps/fix", "latitude", r"lat(?:itude)?(?: y position)?", "angle"),
+    Named("gps/fix", "longitude", r"(?:lon(?:g|gitude)?|lng)(?: x position)?", "angle"),
     Named("gps/fix", "altitude", r"(?:alt(?:itude)?|height|elevation)", "length"),
     Named("gps/velocity", "speed", rf"{_GPS} {_SPEED}", "velocity"),
     Named("gps/velocity", "speed", rf"(?:{_SPEED}|v|v ?x|v ?ego)", "velocity"),
