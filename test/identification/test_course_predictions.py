@@ -36,7 +36,7 @@ def circle(seconds: float = 90.0) -> Recording:
 def observer_off_by(error: float, heard: list[Recording]):
     """An observer in place of the real one that knows the circle but for an error of its heading [rad]."""
 
-    def run(recording: Recording, vehicle: Vehicle, rate: float) -> SimpleNamespace:
+    def run(recording: Recording, vehicle: Vehicle, rate: float, progress: object = None) -> SimpleNamespace:
         heard.append(recording)
         t = np.arange(0.0, 90.0, 1 / rate)
         heading = RATE * t + error

@@ -135,7 +135,7 @@ def identify(
     changed = _written(made)
     others = recorded.drives([recorded.signals(r, vehicle) for r in held_out], model)
     every = [*drives, *map(whole.drive, others)]
-    verdict = judged(held_out or recordings, vehicle, changed)
+    verdict = judged(held_out or recordings, vehicle, changed, part(progress, 1, 2))
     kept = vehicle if verdict is not None and verdict.is_worse else changed
     made = replace(made, vehicle=kept, verdict=verdict, fits=fits(made, whole, every))
     made = _with_side_slip(made, whole, [*recordings, *held_out], every)

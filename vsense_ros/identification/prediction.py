@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from vsense_ros.errors import InputError
+from vsense_ros.identification.progress import Progress, part
 from vsense_ros.messages.recording import Channel, Recording
 from vsense_ros.model.sensors import GnssVelocity, SensorBase
 from vsense_ros.model.sensors.gnss import Receiver
@@ -92,7 +93,7 @@ class Comparison:
         }
 
 
-def predict(recordings: Sequence[Recording], vehicle: Vehicle) -> Prediction:
+def predict(recordings: Sequence[Recording], vehicle: Vehicle, progress: Progress | None = None) -> Prediction:
     """Errors of the course in silences of the receiver, on recordings in a row.
 
     The course is compared at the antenna of the vehicle file, at the times of measurement by its latency. Where the
@@ -101,7 +102,8 @@ def predict(recordings: Sequence[Recording], vehicle: Vehicle) -> Prediction:
     antenna = next((one for one in vehicle.sensors.values() if isinstance(one, GnssVelocity)), None)
     if antenna is None:
         raise InputError(f"{vehicle.name}: a prediction is compared with a GNSS velocity, which the file does not have")
-    parts = [_squares(one, vehicle, antenna) for one in recordings if antenna.topic in one]
+    heard = [one for one in recordings if antenna.topic in one]
+    parts = [_squares(one, vehicle, antenna, part(progress, i, len(heard))) for i, one in enumerate(heard)]
     return Prediction(np.concatenate(parts) if parts else np.zeros(0))
 
 
@@ -119,15 +121,18 @@ def compare(before: Prediction, after: Prediction) -> Comparison:
     return Comparison(float(np.sqrt(old.mean())), float(np.sqrt(new.mean())), len(old), increase)
 
 
-def judged(recordings: Sequence[Recording], before: Vehicle, after: Vehicle) -> Comparison | None:
+def judged(
+    recordings: Sequence[Recording], before: Vehicle, after: Vehicle, progress: Progress | None = None
+) -> Comparison | None:
     """Compare two files of a car by predictions on recordings; None where none of these has a GNSS velocity."""
     antenna = next((one for one in before.sensors.values() if isinstance(one, GnssVelocity)), None)
     if antenna is None or not any(antenna.topic in one for one in recordings):
         return None
-    return compare(predict(recordings, before), predict(recordings, after))
+    predictions = (predict(recordings, one, part(progress, i, 2)) for i, one in enumerate((before, after)))
+    return compare(*predictions)
 
 
-def _squares(recording: Recording, vehicle: Vehicle, antenna: GnssVelocity) -> Array:
+def _squares(recording: Recording, vehicle: Vehicle, antenna: GnssVelocity, progress: Progress | None) -> Array:
     """Mean square errors (k,) of the course in the silences of a recording [rad²]."""
     gnss = recording[antenna.topic]
     period = PREDICTION.silence + PREDICTION.between
@@ -141,7 +146,8 @@ def _squares(recording: Recording, vehicle: Vehicle, antenna: GnssVelocity) -> A
         for topic, channel in recording.channels.items()
     }
     try:
-        output = run(replace(recording, channels=channels), vehicle, rate=PREDICTION.rate).output["vsense/odometry"]
+        heard = replace(recording, channels=channels)
+        output = run(heard, vehicle, rate=PREDICTION.rate, progress=progress).output["vsense/odometry"]
     except InputError:
         return np.full(count, np.nan)
     number = _silence_of(gnss, first, period)
