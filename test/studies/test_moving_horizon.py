@@ -12,7 +12,7 @@ from vsense_ros.estimation.iterated import IterationSettings, iterated
 from vsense_ros.estimation.record import Record
 from vsense_ros.model.handling.best_4dof import PAPER
 
-SAMPLES = 12
+SAMPLES = 6
 
 
 def test_a_horizon_as_long_as_the_drive_gives_what_smoothing_all_of_it_gives() -> None:
