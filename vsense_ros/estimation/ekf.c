@@ -27,7 +27,7 @@ static void multiply(const struct live *live, double (*out)[STATES], const doubl
     for (int i = 0; i < n; i++) {
         const int first = (int)live->row[i], count = (int)live->row[i + 1] - first;
         for (int k = 0; k < count; k++) from[k] = rows + live->column[first + k] * n;
-        memset(out[i], 0, sizeof out[i]);
+        (void)memset(out[i], 0, sizeof out[i]);
         combine(n, out[i], count, live->f + first, from);
     }
 }
@@ -51,7 +51,7 @@ static int step(const struct live *live, const double *process) {
     for (int i = 0; i < live->numbers; i++) sum += 0 * live->moved[i];
     if (!is_zero(sum)) return 0; /* not a number, or infinite */
     propagate(live);
-    memcpy(live->mean, live->moved, (size_t)live->numbers * sizeof(double));
+    (void)memcpy(live->mean, live->moved, (size_t)live->numbers * sizeof(double));
     return 1;
 }
 
@@ -61,7 +61,7 @@ static int sensed(const struct sensor *sensor, const double *variance, struct in
     run(&sensor->sense);
     for (int a = 0; a < sensor->components && !is_zero(*sensor->used); a++) {
         if (!isfinite(sensor->residual[a])) continue;
-        memcpy(found->rows[used], sensor->by_error + a * n, n * sizeof(double));
+        (void)memcpy(found->rows[used], sensor->by_error + a * n, n * sizeof(double));
         found->residual[used] = sensor->residual[a];
         found->variance[used] = variance[a];
         component[used] = a;
@@ -76,21 +76,22 @@ static double measure(const struct live *live, const struct sensor *sensor, cons
     struct innovation found;
     int component[COMPONENTS] = {0};
     double nis = -1;
-    memcpy(sensor->value, value, (size_t)sensor->components * sizeof(double));
+    (void)memcpy(sensor->value, value, (size_t)sensor->components * sizeof(double));
     if (sensed(sensor, variance, &found, component) > 0) nis = update(&found, live->covariance, live->error, scale, limit);
     report(live->whitened, live->factor, (int)sensor->components, &found, component);
     if (!(nis >= 0 && nis <= limit)) return nis;
     if (live->retract.function != 0) {
         run(&live->retract);
-        memcpy(live->mean, live->off, (size_t)live->numbers * sizeof(double));
+        (void)memcpy(live->mean, live->off, (size_t)live->numbers * sizeof(double));
     } else
         for (int i = 0; i < n; i++) live->mean[i] += live->error[i];
     return nis;
 }
 
 static int is_valid(const struct live *live) {
-    int within = 1;
-    for (int i = 0; i < n; i++) within &= live->covariance[i * (n + 1)] >= 0;
-    for (int i = 0; i < live->numbers; i++) within &= fabs(live->mean[i]) < live->largest[i];
-    return within;
+    for (int i = 0; i < n; i++)
+        if (!(live->covariance[i * (n + 1)] >= 0)) return 0;
+    for (int i = 0; i < live->numbers; i++)
+        if (!(fabs(live->mean[i]) < live->largest[i])) return 0;
+    return 1;
 }

@@ -26,10 +26,10 @@ static int root_of(const double *p, double (*u)[STATES]) {
     for (int j = 0; j < n; j++) {
         for (int k = 0; k < j; k++) factors[k] = -u[k][j];
         rows[j] = u[j];
-        memcpy(u[j], p + j * n, n * sizeof(double));
+        (void)memcpy(u[j], p + j * n, n * sizeof(double));
         combine(n, u[j], j, factors, rows);
         const double pivot = u[j][j], variance = p[j * n + j];
-        memset(u[j], 0, j * sizeof(double));
+        (void)memset(u[j], 0, j * sizeof(double));
         if (!isfinite(pivot)) return 0;
         if (pivot > 1e-14 * variance && variance > 0) {
             const double inverse = 1 / sqrt(pivot);
@@ -39,7 +39,7 @@ static int root_of(const double *p, double (*u)[STATES]) {
         if (pivot < -1e-9 * fabs(variance)) return 0;
         for (int i = j + 1; i < n; i++)
             if (fabs(u[j][i]) > 1e-6 * sqrt(fabs(variance * p[i * n + i]))) return 0;
-        memset(u[j], 0, n * sizeof(double));
+        (void)memset(u[j], 0, n * sizeof(double));
     }
     return 1;
 }
@@ -48,7 +48,7 @@ static int root_of(const double *p, double (*u)[STATES]) {
 static void place(const struct live *live, int index, const double (*root)[STATES]) {
     const double *const mean = live->mean;
     if (index == 0) {
-        memcpy(live->point, mean, n * sizeof(double));
+        (void)memcpy(live->point, mean, n * sizeof(double));
         return;
     }
     const double *const row = root[(index - 1) % n], by = index <= n ? live->reach : -live->reach;
@@ -64,11 +64,11 @@ static int step(const struct live *live, const double *process) {
     for (int k = 0; k < points; k++) {
         place(live, k, (const double(*)[STATES])root);
         run(&live->move);
-        memcpy(moved[k], live->moved, sizeof moved[k]);
+        (void)memcpy(moved[k], live->moved, sizeof moved[k]);
         for (int i = 0; i < n; i++) sum += 0 * moved[k][i];
     }
     if (!(sum == 0)) return 0; /* not a number, or infinite */
-    memcpy(live->point, mean, n * sizeof(double));
+    (void)memcpy(live->point, mean, n * sizeof(double));
     run(&live->noise);
     for (int i = 0; i < n; i++) {
         double at = 0;
@@ -83,7 +83,7 @@ static int step(const struct live *live, const double *process) {
         }
         from[k] = moved[k];
     }
-    memcpy(p, live->q, n * n * sizeof(double));
+    (void)memcpy(p, live->q, n * n * sizeof(double));
     combine_rows(n, n, p, n, points, weighted[0], 1, n, from);
     for (int i = 1; i < n; i++)
         for (int j = 0; j < i; j++) p[i * n + j] = p[j * n + i] = 0.5 * (p[i * n + j] + p[j * n + i]);

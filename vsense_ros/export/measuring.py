@@ -6,26 +6,60 @@ import platform
 import re
 import subprocess
 import tempfile
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cache
 from pathlib import Path
 
 from vsense_ros import codegen
 from vsense_ros.export.check import FLAGS
 
 
-def _deepest(stack: dict[str, int]) -> int:
-    """Bytes of the deepest call, from those of each function; what was inlined is in its caller's."""
+@dataclass(frozen=True)
+class Size:
+    """Bytes that compiled sources need: code with tables of constants, variables, and stack of the deepest call, which
+    only GCC tells."""
 
-    def size(*names: str) -> int:
-        return sum(stack.get(name, 0) for name in names)
+    code: int
+    data: int
+    stack: int | None
 
-    products = size("combine_rows")
-    moving = [size("transition", "invert"), size("propagate", "propagate_velocities", "propagate_coordinates")]
-    moving = [depth + products for depth in moving] + [size("advance"), size("kinematics")]
-    moving += [size("spread", "parameters_predict")]
-    correcting = [size("correct", "update", "project") + products, size("learn", "parameters_learn")]
-    correcting += [size("learn") + depth for name, depth in stack.items() if name.startswith("seen_")]
-    calls = max(depth for name, depth in stack.items() if name.startswith("vsense_correct_"))
-    return max(size("vsense_predict", "filter_predict") + max(moving), calls + size("filter_measure") + max(correcting))
+
+def size_of(sources: Sequence[Path], command: Sequence[str], size: str = "size") -> Size:
+    """Size of sources as a compiler, `command` with its flags, makes them; `size` is binutils' program for its machine.
+
+    The stack is that of the deepest path in the graph of calls which GCC writes. Functions of libm are not in it.
+    """
+    with tempfile.TemporaryDirectory() as place:
+        names = [str(source.resolve()) for source in sources]
+        tells = "gcc version" in _run([command[0], "-v"], place)
+        _run([*command, *(["-fcallgraph-info=su"] if tells else []), "-c", *names], place)
+        objects = [str(Path(place) / f"{source.stem}.o") for source in sources]
+        rows = [line.split() for line in _run([size, *objects], place).splitlines()[1:]]
+        graphs = [file.read_text(encoding="utf-8") for file in Path(place).glob("*.ci")]
+    code, data = (sum(int(row[column]) for row in rows) for column in (0, 1))
+    return Size(code, data + sum(int(row[2]) for row in rows), _deepest("".join(graphs)) if tells else None)
+
+
+def _deepest(graph: str) -> int:
+    """Bytes of stack on the deepest path of a graph of calls, in the form of GCC's -fcallgraph-info=su."""
+    own = {
+        name: int(depth) for name, depth in re.findall(r'node: \{ title: "([^"]+)" label: "[^"]*?(\d+) bytes', graph)
+    }
+    calls: dict[str, set[str]] = {name: set() for name in own}
+    for caller, called in re.findall(r'edge: \{ sourcename: "([^"]+)" targetname: "([^"]+)"', graph):
+        calls[caller].add(called)
+
+    @cache
+    def depth(name: str) -> int:
+        return own.get(name, 0) + max((depth(called) for called in calls.get(name, ())), default=0)
+
+    return max(map(depth, own))
+
+
+def _run(command: Sequence[str], folder: str) -> str:
+    done = subprocess.run(command, check=True, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True, cwd=folder)
+    return done.stdout
 
 
 def measure(folder: Path) -> dict[str, str]:
@@ -38,18 +72,7 @@ def measure(folder: Path) -> dict[str, str]:
         command = [compiler, *FLAGS, *sources, "-o", str(target), "-lm"]
         subprocess.run(command, check=True, capture_output=True)
         printed = subprocess.run([str(target), "--time"], check=True, capture_output=True, text=True).stdout
-        subprocess.run(
-            [compiler, *FLAGS, "-fstack-usage", "-c", sources[1], "-o", "vsense.o"],
-            check=True,
-            capture_output=True,
-            cwd=place,
-        )
-        sizes = subprocess.run(["size", "vsense.o"], check=True, capture_output=True, text=True, cwd=place).stdout
-        lines = (Path(place) / "vsense.su").read_text(encoding="utf-8").splitlines()
-        stack: dict[str, int] = {}
-        for where, depth, _ in (line.split("\t") for line in lines):
-            name = where.rpartition(":")[2].partition(".")[0]  # without what the compiler says of a copy it made
-            stack[name] = max(stack.get(name, 0), int(depth))
+    size = size_of([folder / "vsense.c"], [compiler, *FLAGS])
     version = subprocess.run([compiler, "--version"], capture_output=True, text=True).stdout.splitlines()[0]
     step = re.search(r"step +([\d.]+) us", printed)
     assert step is not None
@@ -57,7 +80,7 @@ def measure(folder: Path) -> dict[str, str]:
         "compiler": version,
         "flags": " ".join(FLAGS),
         "machine": f"{platform.machine()}, {platform.system()}",
-        "text_kb": f"{int(sizes.splitlines()[1].split()[0]) / 1024:.0f}",
-        "stack_kb": f"{_deepest(stack) / 1024:.0f}",
+        "text_kb": f"{size.code / 1024:.0f}",
+        "stack_kb": "?" if size.stack is None else f"{size.stack / 1024:.0f}",
         "step_us": step[1],
     }

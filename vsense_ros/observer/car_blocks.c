@@ -127,19 +127,20 @@ static int pivot_row(double (*a)[PADDED], int k) {
 static int invert(double (*a)[PADDED]) {
     int swapped[MODEL];
     for (int k = 0; k < MODEL; k++) {
-        const int best = swapped[k] = pivot_row(a, k);
+        const int best = pivot_row(a, k);
+        swapped[k] = best;
         if (!(fabs(a[best][k]) > 1e-300)) return 0;
         double pivot[PADDED], factor[MODEL];
         const double scale = 1 / a[best][k];
         for (int j = 0; j < PADDED; j++) pivot[j] = scale * (j == k ? 1 : a[best][j]);
-        if (best != k) memcpy(a[best], a[k], sizeof a[k]);
+        if (best != k) (void)memcpy(a[best], a[k], sizeof a[k]);
         for (int i = 0; i < MODEL; i++) {
             factor[i] = a[i][k];
             a[i][k] = 0;
         }
         for (int i = 0; i < MODEL; i++)
             for (int j = 0; j < PADDED; j += WIDE) *(lane *)(a[i] + j) -= factor[i] * *(lane *)(pivot + j);
-        memcpy(a[k], pivot, sizeof pivot);
+        (void)memcpy(a[k], pivot, sizeof pivot);
     }
     for (int k = MODEL - 1; k >= 0; k--) /* rows that were exchanged are columns of the inverse */
         for (int i = 0; i < MODEL && swapped[k] != k; i++) {
@@ -168,7 +169,7 @@ static int transition(const struct model *model, double h, double gamma) {
             share[i][j] = h * (0.5 - gamma) / gamma * (inverse[i][j] - (i == j));
             response[i][j] = h * inverse[i][j];
         }
-        memcpy(model->inverse + i * MODEL, inverse[i], MODEL * sizeof(double));
+        (void)memcpy(model->inverse + i * MODEL, inverse[i], MODEL * sizeof(double));
     }
     combine_rows(MODEL, PADDED, response[0], PADDED, MODEL, share[0], PADDED, 1, rows);
     for (int i = 0; i < MODEL; i++) rows[i] = response[i];
@@ -188,8 +189,11 @@ static void mirror(double (*rows)[STATES], double *p, int first) {
 /* Rows of p from `first` on: `rows`, and where they cross the columns of their own the lower triangle of `corner`. */
 static void put_rows(double (*rows)[STATES], double (*corner)[PADDED], double *p, int first) {
     for (int i = 0; i < MODEL; i++)
-        for (int j = 0; j <= i; j++) rows[i][first + j] = rows[j][first + i] = corner[i][j];
-    memcpy(p + first * n, rows, MODEL * sizeof *rows);
+        for (int j = 0; j <= i; j++) {
+            rows[i][first + j] = corner[i][j];
+            rows[j][first + i] = corner[i][j];
+        }
+    (void)memcpy(p + first * n, rows, MODEL * sizeof *rows);
 }
 
 /* Covariance after the velocities have moved: their rows, then what these make of themselves. */
@@ -220,12 +224,12 @@ static void propagate_coordinates(const struct model *model, double h) {
             from[k] = p + (first[part] + j) * n;
             for (int i = 0; i < BODY; i++) map[i][k] = h * by[part][j * BODY + i];
         }
-    memcpy(rows, p, sizeof rows);
+    (void)memcpy(rows, p, sizeof rows);
     combine_rows(BODY, n, rows[0], n, followed, map[0], followed, 1, from);
     for (int i = BODY; i < MODEL; i++)
         for (int j = 0; j < n; j++) rows[i][j] += h * p[(MODEL + i) * n + j];
     mirror(rows, p, 0);
-    for (int i = 0; i < MODEL; i++) memcpy(corner[i], p + i * n, sizeof corner[i]);
+    for (int i = 0; i < MODEL; i++) (void)memcpy(corner[i], p + i * n, sizeof corner[i]);
     combine_rows(BODY, PADDED, corner[0], PADDED, followed, map[0], followed, 1, from);
     for (int i = BODY; i < MODEL; i++)
         for (int j = 0; j < MODEL; j++) corner[i][j] += h * p[(MODEL + i) * n + j];
@@ -239,7 +243,7 @@ static void propagate_coordinates(const struct model *model, double h) {
 static void road_map(const struct model *model, double h, double speed, double *noise) {
     double *const map = model->road_map;
     const int slope_of[] = {0, 1, 4};
-    memset(map, 0, ROAD * FOLLOWED * sizeof *map);
+    (void)memset(map, 0, ROAD * FOLLOWED * sizeof *map);
     for (int i = 0; i < 3; i++) {
         double *const row = map + slope_of[i] * FOLLOWED;
         for (int j = 0; j < BODY; j++) row[j] = h * model->road_by_velocity[j * 3 + i];
@@ -248,7 +252,7 @@ static void road_map(const struct model *model, double h, double speed, double *
     }
     for (int i = 0; i < 2; i++) {
         const double *const known = model->roughness + 3 * i;
-        const double way = h * fabs(speed), decay = 1 / (1 + way * known[0]);
+        const double way = h * fabs(speed), decay = 1.0 / (1.0 + way * known[0]);
         double *const row = map + (2 + i) * FOLLOWED + BODY;
         row[2 + i] = decay;
         row[i] = -decay * way * known[2];
@@ -263,7 +267,7 @@ static void propagate_road(const struct model *model) {
     double *const height = p + (3 * MODEL + ROAD - 1) * n;
     const int first = 3 * MODEL;
     for (int k = 0; k < FOLLOWED; k++) from[k] = p + (k < BODY ? MODEL + k : first + k - BODY) * n;
-    memcpy(rows[ROAD - 1], height, n * sizeof(double));
+    (void)memcpy(rows[ROAD - 1], height, n * sizeof(double));
     combine_rows(ROAD, n, rows[0], n, FOLLOWED, map, FOLLOWED, 1, from);
     for (int j = 0; j < n; j++)
         for (int i = 0; i < ROAD; i++) p[j * n + first + i] = rows[i][j];
@@ -271,8 +275,11 @@ static void propagate_road(const struct model *model) {
     for (int j = 0; j < ROAD; j++) corner[ROAD - 1][j] = height[first + j];
     combine_rows(ROAD, ROAD, corner[0], ROAD, FOLLOWED, map, FOLLOWED, 1, from_moved);
     for (int i = 0; i < ROAD; i++)
-        for (int j = 0; j <= i; j++) rows[i][first + j] = rows[j][first + i] = corner[i][j];
-    memcpy(p + first * n, rows, sizeof rows);
+        for (int j = 0; j <= i; j++) {
+            rows[i][first + j] = corner[i][j];
+            rows[j][first + i] = corner[i][j];
+        }
+    (void)memcpy(p + first * n, rows, sizeof rows);
 }
 
 /* Variances of the states behind the velocities, n - SLOW, and then covariances of the errors of two wheels' torques
@@ -338,28 +345,28 @@ static void move_road(const struct model *model, double h, const double *before,
         *to += h * model->road_rate[i];
         for (int j = 0; j < BODY; j++) *to += h * model->road_by_velocity[j * 3 + i] * (after[j] - before[j]);
     }
-    memcpy(road, next, sizeof next);
+    (void)memcpy(road, next, sizeof next);
 }
 
 /* One row of the measurement's Jacobian by the whole state. */
 static void sensed_row(const struct model *model, const struct sensed *sensed, int i, double *row) {
     const int m = sensed->components;
-    memset(row, 0, n * sizeof *row);
+    (void)memset(row, 0, n * sizeof *row);
     for (int j = 0; j < MODEL; j++) {
         row[j] = sensed->by_q[j * m + i];
         row[MODEL + j] = sensed->by_u[j * m + i];
     }
     for (int j = 0; j < DISTURB; j++) row[3 * MODEL + j] = sensed->by_disturbances[j * m + i];
-    if (sensed->uses_acceleration)
+    if (sensed->uses_acceleration != 0)
         for (int k = 0; k < MODEL; k++) {
             const double f = sensed->by_udot[k * m + i];
-            if (is_zero(f)) continue;
+            if (is_zero(f) != 0) continue;
             for (int j = 0; j < DYNAMIC; j++) row[dynamic_coordinates[j]] += f * model->by_q[j * MODEL + k];
             for (int j = 0; j < MODEL; j++) row[MODEL + j] += f * model->by_u[j * MODEL + k];
             row[2 * MODEL + k] = f;
             for (int j = 0; j < DISTURB; j++) row[3 * MODEL + j] += f * model->by_disturbances[j * MODEL + k];
         }
-    if (sensed->biases) row[sensed->first_bias + i] = sensed->by_biases[i];
+    if (sensed->biases > 0) row[sensed->first_bias + i] = sensed->by_biases[i];
 }
 
 /* Keeps the whitened innovation and the factor of its covariance. */
@@ -417,7 +424,7 @@ static double correct(const struct model *model, const struct sensed *sensed, do
 static void filter_linearize(const struct filter *filter) {
     run_linearize(filter);
 #if LEARNING
-    if (filter->learning) run_effect(filter);
+    if (filter->learning != 0) run_effect(filter);
 #endif
 }
 
@@ -430,11 +437,11 @@ static void spread(const struct filter *filter, const double *decay) {
     double *const p = filter->model.covariance;
     for (int i = 0; i < MODEL; i++)
         for (int k = 0; k < GAIN; k++) learning->gain[i * GAIN + k] = filter->model.gain[k * PADDED + i];
-    memcpy(learning->decay, decay, (n - SLOW) * sizeof(double));
+    (void)memcpy(learning->decay, decay, (n - SLOW) * sizeof(double));
     run_spread(filter);
-    memcpy(learning->known.sensitivity, learning->moved, n * vector);
+    (void)memcpy(learning->known.sensitivity, learning->moved, n * vector);
     if (!learning->drifts) return;
-    memcpy(learning->known.covariance, learning->grown, (size_t)count * vector);
+    (void)memcpy(learning->known.covariance, learning->grown, (size_t)count * vector);
     for (int k = 0; k < count; k++) {
         const double *const column = learning->added + k * n;
         combine_rows(n, n, p, n, 1, column, 1, 1, &column);
@@ -448,24 +455,24 @@ static void learn(const struct filter *filter, const struct sensor *sensor, cons
     const size_t vector = (size_t)count * sizeof(double);
     double column[STATES], factors[STATES];
     const double *rows[STATES];
-    memcpy(sensor->variance, variance, (size_t)sensor->sensed.components * sizeof(double));
+    (void)memcpy(sensor->variance, variance, (size_t)sensor->sensed.components * sizeof(double));
     run_seen(filter, sensor);
     for (int k = 0; k < n; k++) rows[k] = filter->model.covariance + k * n;
     for (int a = 0; a < width; a++) {
         for (int k = 0; k < n; k++) factors[k] = sensor->weighted[k * width + a];
-        memset(column, 0, sizeof column);
+        (void)memset(column, 0, sizeof column);
         combine(n, column, n, factors, rows);
         for (int k = 0; k < n; k++) sensor->projected[k * width + a] = column[k];
     }
     run_learn(filter, sensor);
-    memcpy(learning->known.estimates, sensor->found.estimates, vector);
-    memcpy(learning->known.covariance, sensor->found.covariance, (size_t)count * vector);
-    memcpy(learning->known.sensitivity, sensor->found.sensitivity, n * vector);
-    memcpy(learning->known.information, sensor->found.information, (size_t)count * vector);
+    (void)memcpy(learning->known.estimates, sensor->found.estimates, vector);
+    (void)memcpy(learning->known.covariance, sensor->found.covariance, (size_t)count * vector);
+    (void)memcpy(learning->known.sensitivity, sensor->found.sensitivity, n * vector);
+    (void)memcpy(learning->known.information, sensor->found.information, (size_t)count * vector);
     for (int i = 0; i < count; i++) learning->physical[learning->columns[i]] = learning->known.estimates[i];
-    memcpy(filter->model.error + SLOW, sensor->change + SLOW, MODEL * sizeof(double));
+    (void)memcpy(filter->model.error + SLOW, sensor->change + SLOW, MODEL * sizeof(double));
     run_force(filter);
-    memcpy(sensor->change + SLOW, filter->added, MODEL * sizeof(double));
+    (void)memcpy(sensor->change + SLOW, filter->added, MODEL * sizeof(double));
     for (int i = 0; i < n; i++) filter->state[i] += sensor->change[i];
     for (int i = 0; i < MODEL; i++) filter->model.udot[i] += sensor->accelerations[i];
 }
@@ -476,9 +483,9 @@ static void learn(const struct filter *filter, const struct sensor *sensor, cons
 static int filter_predict(const struct filter *filter, double h, const double *decay, const double *noise) {
     *filter->length = h;
     if (!transition(&filter->model, h, filter->gamma)) return 0;
-    if (filter->effects_size) {
+    if (filter->effects_size > 0) {
         run_remember(filter);
-        memcpy(filter->effects, filter->remembered, (size_t)filter->effects_size * sizeof(double));
+        (void)memcpy(filter->effects, filter->remembered, (size_t)filter->effects_size * sizeof(double));
     }
     run_kinematics(filter);
     run_advance(filter);
@@ -486,11 +493,11 @@ static int filter_predict(const struct filter *filter, double h, const double *d
     double *const slow = filter->state + SLOW;
     double *const mean = filter->reversion_mean;
     move_road(&filter->model, h, filter->state + MODEL, filter->velocities, mean + MODEL, slow + MODEL);
-    memcpy(filter->state, filter->coordinates, MODEL * sizeof(double));
-    memcpy(filter->state + MODEL, filter->velocities, MODEL * sizeof(double));
+    (void)memcpy(filter->state, filter->coordinates, MODEL * sizeof(double));
+    (void)memcpy(filter->state + MODEL, filter->velocities, MODEL * sizeof(double));
     for (int i = 0; i < n - SLOW; i++) slow[i] = mean[i] + decay[i] * (slow[i] - mean[i]);
 #if LEARNING
-    if (filter->learning) spread(filter, decay);
+    if (filter->learning != 0) spread(filter, decay);
 #endif
     return 1;
 }
@@ -516,7 +523,8 @@ static double filter_measure(const struct filter *filter, const struct sensor *s
 
 /* Whether the state is within its bounds (n), beyond which no car's is. */
 static int filter_is_valid(const double *state, const double *covariance, const double *largest) {
-    int within = covariance[MODEL * n + MODEL] > 0;
-    for (int i = 0; i < n; i++) within &= fabs(state[i]) < largest[i];
-    return within;
+    if (!(covariance[MODEL * n + MODEL] > 0)) return 0;
+    for (int i = 0; i < n; i++)
+        if (!(fabs(state[i]) < largest[i])) return 0;
+    return 1;
 }
