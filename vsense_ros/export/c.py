@@ -37,6 +37,7 @@ from vsense_ros.model.sensors import SensorBase
 from vsense_ros.model.vehicle import Vehicle
 from vsense_ros.observer.car_memory import SURVEYED
 from vsense_ros.observer.catalogue import FILTERS, spi, with_parameters
+from vsense_ros.observer.parameter_ekf import ParameterEkf
 from vsense_ros.observer.parameter_filter import ParameterFilter
 from vsense_ros.observer.road_map import (
     JOINED,
@@ -83,6 +84,7 @@ _RESULTS = {
     ),
     "force": ("filter->added",),
     "internal_state": ("filter->remembered",),
+    "parameters_effect": ("v->by_estimates",),
 }
 _SENSED = ("expected", "by_q", "by_u", "by_udot", "by_disturbances", "by_biases")
 
@@ -232,7 +234,13 @@ class Contents:
         self.learning: list[ca.Function] = []
         if columns:
             self.filter = filter = kind_of_filter(self.car, columns, self.layout.size)
-            self.learning = [filter.effect(), filter.predict(), filter.learn()]
+            if isinstance(
+                filter, ParameterEkf
+            ):  # only the car's own arguments: what is alike at corners becomes a loop
+                self.functions.append(steps.sensitivity_function(alike, columns))
+            else:
+                self.learning.append(filter.effect())
+            self.learning += [filter.predict(), filter.learn()]
             for name, sensor in observer.correcting.items():
                 self.learning.append(filter.seen(f"seen_{identifier(name)}", sensor, self._biases(name)))
 
@@ -274,7 +282,7 @@ class Contents:
                 {"name": identifier(name), "latency": number(sensor.latency)}
                 for name, sensor in self.observer.sensors.items()
             ],
-            "calls": {f.name(): self._call(f, _RESULTS[f.name()]) for f in self.functions} | self._learning_calls(),
+            "calls": self._learning_calls() | {f.name(): self._call(f, _RESULTS[f.name()]) for f in self.functions},
             "gamma": number(steps.GAMMA),
             "longest_step": self.vehicle.observer.longest_step,
             "start": _table(start),
@@ -378,7 +386,7 @@ class Contents:
         made += ", sensor->change, sensor->accelerations"
         arguments = self._filter_arguments()
         return {
-            "effect": wrapped(f"parameters_effect({arguments}, v->by_estimates);", "    "),
+            "parameters_effect": wrapped(f"parameters_effect({arguments}, v->by_estimates);", "    "),
             "spread": wrapped(f"parameters_predict({predicted}, to->moved, to->grown, to->added);", "    "),
             "learn": wrapped(f"parameters_learn({arguments}, v->by_estimates, {found}, {made});", "    "),
         }

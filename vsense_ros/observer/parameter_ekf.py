@@ -6,6 +6,7 @@ from __future__ import annotations
 import casadi as ca
 
 from vsense_ros import codegen
+from vsense_ros.model.car.steps import sensitivity_function
 from vsense_ros.model.coordinates import COORDINATES, DISTURBANCES
 from vsense_ros.model.sensors import SensorBase
 from vsense_ros.observer.parameter_filter import ParameterFilter, numbered
@@ -20,9 +21,8 @@ class ParameterEkf(ParameterFilter):
         return self.count
 
     def effect(self) -> ca.Function:
-        # Column by column: the whole Jacobian, of which few columns are wanted, would share its work among all.
-        seeds = [ca.SX.eye(self.car.p.numel())[:, column] for column in self.columns]
-        effect = ca.horzcat(*(ca.jtimes(self.car.dynamics, self.car.p, seed) for seed in seeds))
+        state = [*self.state, self.car.internal_state]
+        effect = sensitivity_function(self.car, self.columns)(*state)
         return codegen.function("parameters_effect", self.arguments, [effect], numbered(len(self.arguments)))
 
     def spread(self, sensor: SensorBase, biases: slice) -> ca.Function:

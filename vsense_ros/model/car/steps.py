@@ -73,6 +73,17 @@ def dynamics_function(car: Car) -> ca.Function:
     return codegen.function("dynamics", _arguments(car), [car.dynamics, car.wheel_outputs], _names(car))
 
 
+def sensitivity_function(car: Car, columns: Sequence[int]) -> ca.Function:
+    """(q, u, force, disturbances, inputs, p, internal_state) → derivatives of the accelerations by some of the
+    parameters (14×k), `columns` of p.
+
+    Each is a derivative by itself: the whole Jacobian, of which few columns are wanted, would share its work among all.
+    """
+    seeds = [ca.SX.eye(car.p.numel())[:, column] for column in columns]
+    effect = ca.horzcat(*(ca.jtimes(car.dynamics, car.p, seed) for seed in seeds))
+    return codegen.function("parameters_effect", _arguments(car), [effect], _names(car))
+
+
 def linearize_function(car: Car) -> ca.Function:
     """(…) → derivatives of u, their Jacobians by `DYNAMIC_COORDINATES` (14×7), u (14×14), disturbances (14×7), and the
     first of these times the rates of the dynamic coordinates by u (14×14).
