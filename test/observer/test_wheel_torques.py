@@ -9,15 +9,19 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
+from vsense_ros.assess.iterations import on_level_road, with_thesis_sensors
 from vsense_ros.bag import read_bag
 from vsense_ros.bag.importers import import_recording
 from vsense_ros.files.vehicle import load_vehicle
+from vsense_ros.manoeuvre.sensing import SENSING, record
+from vsense_ros.manoeuvre.throttle_and_steer import MANOEUVRES
 from vsense_ros.messages.recording import Recording
 from vsense_ros.model.constants import AIR_DENSITY, GRAVITY
 from vsense_ros.model.coordinates import WHEELS
 from vsense_ros.model.schema.drivetrain import Drivetrain
 from vsense_ros.model.schema.observer_settings import Disturbances
 from vsense_ros.model.sensors import WheelSpeeds
+from vsense_ros.model.simulation.closed_loop import simulate
 from vsense_ros.model.vehicle import Vehicle
 from vsense_ros.observer.state import Prior
 from vsense_ros.observer.wheel_torques import BRAKING, RELEASED, TorqueErrors
@@ -126,3 +130,17 @@ def test_undriven_wheels_of_the_rav4_roll_freely_at_constant_speed_and_forces_ad
     needed = vehicle.physics.chassis.mass * on_slope + drag
     hard = np.abs(on_slope) > 0.6
     assert along[hard].sum(axis=1) == pytest.approx(needed[hard], rel=0.03)
+
+
+def test_where_torques_are_measured_the_forces_of_wheels_are_right_though_the_file_has_a_wrong_mass() -> None:
+    """Newton's law for the true car, pushed for three seconds along a level road; its observer has 100 kg more."""
+    plant = with_thesis_sensors(load_vehicle("config/vehicles/prototype_real.yaml"))
+    heavier = plant.with_parameters({"chassis.mass": plant.physics.chassis.mass + 100.0})
+    heavier = heavier.model_copy(update={"drivetrain": Drivetrain(driven="rear")})
+    trajectory = simulate(plant, MANOEUVRES[0].driver(plant), 3.0, step=1e-3)
+    recording = record(trajectory, plant, 0, name="push", biased=False)
+    output = run(recording, on_level_road(heavier, 4)).output
+    pushing = output["vsense/odometry"].stamp > SENSING.epoch + 2_000_000_000
+    drag = 0.5 * AIR_DENSITY * plant.physics.aerodynamics.drag_area * trajectory.u[2000:, 0] ** 2
+    needed = (plant.physics.chassis.mass * trajectory.udot[2000:, 0] + drag).mean()
+    assert forces(output, 0)[pushing].sum(axis=1).mean() == pytest.approx(needed, rel=0.03)

@@ -180,8 +180,7 @@ class CarMemory:
 
     @property
     def longitudinal_shares(self) -> Array:
-        """Share of each wheel in the longitudinal force that the model lacks, (4,); zero where no axle is known to be
-        driven."""
+        """Share of each wheel in the longitudinal force that the model lacks, (4,); as `TorqueErrors.shares`."""
         torques = self.prior.torques
         return torques.shares[self.brakes if torques.shares_known else BRAKING]
 

@@ -346,7 +346,8 @@ def longitudinal_part(shares: Array, steering: Array | float) -> Array:
 
     What drives or brakes a car acts at its wheels. Slip determines the force of a wheel only as well as its radius and
     stiffness are known, while the inertial sensor determines the sum. Where it is not known which wheels are driven,
-    the shares are zero: then a wrong guess would be worse than none.
+    the shares are zero: then a wrong guess would be worse than none. Where torques are measured they are zero too:
+    torques determine the forces of the wheels, whatever the car's mass is.
     """
     part = shares.copy()
     part[..., :2] /= np.cos(steering)[..., None] if np.ndim(steering) else np.cos(steering)

@@ -33,7 +33,9 @@ class TorqueErrors:
 
     covariance: Array  # (2, 4, 4) [rad²/s⁴] in the long run
     rate: Array  # (2, 4) [1/s] at which they decay
-    shares: Array  # (2, 4) of each wheel in a longitudinal force that the model lacks; zero where that is not known
+    # (2, 4) of each wheel in a longitudinal force that the model lacks; zero where no axle is known to be driven, and
+    # where torques are measured
+    shares: Array
     engine_braking: float  # [m/s²] deceleration from which on brakes act
     drag: float  # [1/m] deceleration by the air over the square of the speed
     measured: bool  # True if sensors measure wheel torques, or rolling speeds, from which the torques follow
@@ -51,6 +53,9 @@ class TorqueErrors:
         if noises:
             deviation = noises[-1] / inertia
             covariance = np.array([np.diag(deviation**2)] * 2)
+            # A measured torque and the spin of its wheel determine the wheel's force: what the car's motion lacks
+            # is then that of its mass, of wind or of the road.
+            shares = np.zeros((2, 4))
         elif driving is None or not rolling:
             covariance = np.array([np.diag(np.full(4, settings.wheel_spin * rolling) ** 2)] * 2)
         else:
@@ -70,7 +75,7 @@ class TorqueErrors:
 
     @cached_property
     def shares_known(self) -> bool:
-        """True if the vehicle file says which wheels are driven."""
+        """True if a longitudinal force that the model lacks belongs to wheels that are known."""
         return bool(self.shares.any())
 
     @property
