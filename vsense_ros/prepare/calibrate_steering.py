@@ -16,7 +16,7 @@ from vsense_ros.model.sensors import Steering
 from vsense_ros.model.vehicle import Vehicle
 from vsense_ros.prepare.calibrate_course import compliance, relative_compliance
 from vsense_ros.prepare.calibrated import Calibrated, Change
-from vsense_ros.prepare.calibration_drive import CalibrationDrive
+from vsense_ros.prepare.calibration_drive import CALIBRATION, CalibrationDrive
 
 Array = NDArray[np.float64]
 
@@ -32,7 +32,11 @@ def steering(drives: Sequence[CalibrationDrive], car: Vehicle) -> Iterator[Calib
     wheelbase = chassis.cog_to_front_axle + chassis.cog_to_rear_axle
     blocks: list[tuple[Array, Array]] = []
     for drive in drives:
-        speed, rate, angle = drive.speed, drive.yaw_rate, drive.smooth(drive.steering)
+        # A slow receiver knows a speed, which changes slowly; a turn at a junction is over in a few of its messages.
+        speed, rate, angle = (
+            drive.smooth(one, CALIBRATION.cut_off)
+            for one in (np.hypot(*drive.velocity.T), drive.rates[:, 2], drive.steering)
+        )
         with np.errstate(invalid="ignore", divide="ignore"):
             x = np.column_stack([wheelbase * rate / speed, speed * rate, np.ones(len(speed)), drive.slope(angle)])
         blocks += drive.blocks(x, angle, drive.driving)

@@ -60,10 +60,11 @@ class CalibrationDrive:
     at_road_wheel: bool = False  # the steering angle was measured there, not at the steering wheel
     cut_off: float = CALIBRATION.cut_off  # [Hz] below which signals are compared
 
-    def smooth(self, values: Array) -> Array:
-        """A signal (n, …) without what is faster than `cut_off`; NaN where it is not known."""
+    def smooth(self, values: Array, cut_off: float | None = None) -> Array:
+        """A signal (n, …) without what is faster than a frequency [Hz], by default `cut_off` of the drive; NaN where it
+        is not known."""
         known = np.isfinite(values)
-        sections = signal.butter(2, self.cut_off, fs=1 / CALIBRATION.step, output="sos")
+        sections = signal.butter(2, cut_off or self.cut_off, fs=1 / CALIBRATION.step, output="sos")
         found = signal.sosfiltfilt(sections, np.where(known, values, 0.0), axis=0)
         weight = signal.sosfiltfilt(sections, known.astype(float), axis=0)
         with np.errstate(invalid="ignore", divide="ignore"):
