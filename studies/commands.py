@@ -292,6 +292,22 @@ def leung(tables: tuple[str, ...], quick: bool, figures: bool, processes: int | 
 
 
 @main.command()
+def literature() -> None:
+    """Examine filters that Leung 2010 describes in chapter 2 and does not use, in small simulations.
+
+    \b
+    Examples:
+      python -m studies literature
+    """
+    from studies.literature.table import findings, table
+    from vsense_ros.evaluate.terminal import console, progress
+
+    with progress("simulating") as done:
+        found = findings(done)
+    console().print(table(found))
+
+
+@main.command()
 @click.option("--filter", "filters", multiple=True, metavar="NAME", help="Only this filter; may be given again.")
 @click.option("--quick", is_flag=True, help="Of the ten simulated manoeuvres four.")
 @click.option("--processes", type=click.IntRange(1), metavar="N", help="Default: as many as there are cores.")
