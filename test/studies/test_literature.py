@@ -5,7 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from studies.literature import liu_odometry
+from studies.literature import liu_odometry, ryu_bank
+from vsense_ros.model.constants import GRAVITY
 
 
 def test_wheel_odometry_closes_a_circle_around_its_centre() -> None:
@@ -28,3 +29,39 @@ def test_a_smaller_outer_wheel_spoils_wheel_odometry_by_speed_and_by_yaw_rate() 
     error = np.hypot(too_quick / 2 - rate * car["beside"], rate * car["ahead"])
     assert found.reference == pytest.approx(100 * 2 * error / (np.pi * 6.0), rel=0.05)
     assert found.found < 0.05
+
+
+def on_a_bank(angle: float, speed: float) -> tuple[float, float, float]:
+    """Angle of the front wheels, side slip and roll of the body [rad], straight ahead: the axles carry m g φ as their
+    distances to cog ask, and the springs hold m g h (φ + φ_v)."""
+    car = ryu_bank.CAR
+    force, length = car["mass"] * GRAVITY * angle, car["to_front"] + car["to_rear"]
+    slip = force * car["to_front"] / length / car["rear_stiffness"]
+    steer = slip - force * car["to_rear"] / length / car["front_stiffness"]
+    lever = car["mass"] * GRAVITY * car["height"]
+    return steer, slip, lever * angle / (car["roll_stiffness"] - lever)
+
+
+def test_the_bank_observer_finds_a_bank_of_five_degrees_and_the_roll_of_the_body_on_it() -> None:
+    angle = np.radians(5.0)
+    steer, slip, roll = on_a_bank(angle, 20.0)
+    n = 1000
+    found = ryu_bank.follow(np.full(n, steer), 20.0, np.tile([0.0, 0.0, slip, roll + angle], (n, 1)), 0.01)
+    assert np.degrees(found[-1, [4, 2, 0]]) == pytest.approx(np.degrees([angle, roll, slip]), abs=0.02)
+
+
+def test_the_bank_observer_takes_the_roll_of_a_bend_for_no_bank() -> None:
+    """On a level road: β and r of a steady bend by the understeer gradient, roll by m h V r."""
+    car, speed, rate = ryu_bank.CAR, 20.0, 0.2
+    length, across = car["to_front"] + car["to_rear"], speed * rate
+    front, rear = (
+        car["mass"] * across * car[other] / length / car[axle]
+        for axle, other in (("front_stiffness", "to_rear"), ("rear_stiffness", "to_front"))
+    )
+    slip = rear + car["to_rear"] * rate / speed
+    steer = length * rate / speed + rear - front
+    lever = car["mass"] * car["height"]
+    roll, n = lever * across / (car["roll_stiffness"] - lever * GRAVITY), 1000
+    found = ryu_bank.follow(np.full(n, steer), speed, np.tile([rate, 0.0, slip, roll], (n, 1)), 0.01)
+    assert np.degrees(roll) > 2.0
+    assert np.degrees(found[-1, [4, 2]]) == pytest.approx([0.0, np.degrees(roll)], abs=0.02)
