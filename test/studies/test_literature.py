@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from studies.literature import liu_odometry, ryu_bank
+from studies.literature import bevly_bias, liu_odometry, ryu_bank
 from vsense_ros.model.constants import GRAVITY
 
 
@@ -65,3 +65,24 @@ def test_the_bank_observer_takes_the_roll_of_a_bend_for_no_bank() -> None:
     found = ryu_bank.follow(np.full(n, steer), speed, np.tile([rate, 0.0, slip, roll], (n, 1)), 0.01)
     assert np.degrees(roll) > 2.0
     assert np.degrees(found[-1, [4, 2]]) == pytest.approx([0.0, np.degrees(roll)], abs=0.02)
+
+
+def test_the_markov_bias_forgets_by_its_time_constant_and_keeps_its_deviation() -> None:
+    b = bevly_bias.biases(np.random.default_rng(1), 1_000_000, 1.0, 0.3, 50.0)
+    assert np.std(b) == pytest.approx(0.3, rel=0.03)
+    for late in (25, 50, 100):
+        assert np.mean(b[late:] * b[:-late]) == pytest.approx(0.09 * np.exp(-late / 50.0), abs=0.004)
+
+
+def test_without_fixes_the_markov_bias_states_the_deviation_of_an_integrated_ornstein_uhlenbeck_process() -> None:
+    gyro = bevly_bias.GYRO | {"gyro_noise": 0.0}
+    filter = bevly_bias.MARKOV_HEADING.make(gyro)
+    start = bevly_bias.MARKOV_HEADING.start({})
+    filter.start(start)
+    for _ in range(12_000):
+        filter.predict(0.01)
+    t, tau = 120.0, gyro["time_constant"]
+    wandered = 2 * gyro["bias"] ** 2 * tau**2 * (t / tau - 1 + np.exp(-t / tau))
+    covariance = filter.belief().covariance
+    assert covariance[0, 0] == pytest.approx(start.covariance[0, 0] + wandered, rel=1e-3)
+    assert covariance[1, 1] == pytest.approx(gyro["bias"] ** 2, rel=1e-9)
