@@ -439,8 +439,17 @@ def _cell(figure: Mapping[str, float | None] | None) -> str:
 def write(figures: Found, results: Results, path: Path) -> None:
     """Write as JSON: `{table: {row: {column: {printed, ours, spread}}}}`, and side slip of the integrated filter by
     row."""
+    _add({**figures, **side_slips(results)}, path)
+
+
+def write_figures(figures: Mapping[str, Mapping[str, Mapping[str, float]]], path: Path) -> None:
+    """Write numbers of figures as JSON, beside what is there: `{figure N: {row: {column: number}}}`."""
+    _add({f"figure {name}": rows for name, rows in figures.items()}, path)
+
+
+def _add(content: Mapping[str, Any], path: Path) -> None:
     path.parent.mkdir(parents=True, exist_ok=True)
     known = json.loads(path.read_text(encoding="utf-8")) if path.exists() else {}
     with atomic_write(path) as file:
-        json.dump({**known, **figures, **side_slips(results)}, file, indent=2)
+        json.dump({**known, **content}, file, indent=2)
         file.write("\n")

@@ -1,12 +1,12 @@
 """Pictures of what Leung 2010 draws of filters: chapters 4 and 5 and appendix E, on our plant and with our noise.
 
-Figures over time are one table (`FIGURES`): a drive, filters, and the quantities of a panel each. Figures over a
-property of the receiver sweep it with one seed of the noise.
+Figures over time are one table (`FIGURES`): a drive, filters, and the quantities of a panel each. Those that
+`leung_figures` has in numbers are drawn there.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -19,10 +19,7 @@ from studies.leung_models_picture import COLOURS, labelled, page
 from studies.leung_study import estimate
 from vsense_ros.assess.drives import (
     STEERING_RATIO,
-    STEP,
-    Bus,
     Case,
-    Error,
     Errors,
     Readings,
     Truth,
@@ -106,8 +103,7 @@ def draw_all(
     folder.mkdir(parents=True, exist_ok=True)
     paths = []
     jobs: list[Callable[[], list[Path]]] = [lambda f=figure: [over_time(f, folder, store)] for figure in FIGURES]  # type: ignore[misc]
-    jobs += [lambda: by_speed(folder, store), lambda: by_receiver(folder, store), lambda: on_bus(folder, store)]
-    jobs += [lambda: on_hill(folder)]
+    jobs += [lambda: by_speed(folder, store), lambda: on_hill(folder)]
     if laps is not None:
         jobs += [lambda rate=rate: [on_genesis(folder, laps, rate)] for rate in (10.0, 1.0)]  # type: ignore[misc]
     for i, job in enumerate(jobs):
@@ -234,61 +230,6 @@ def by_speed(folder: Path, store: Path) -> list[Path]:
         handles, labels = panels[0][1].get_legend_handles_labels()
         figure.legend(handles, labels, loc="outside lower center", ncols=5, fontsize=8)
         return [save(folder / "figures_4_12_4_13_4_16_speeds.png")]
-
-
-def by_receiver(folder: Path, store: Path) -> list[Path]:
-    """Figures 4.18, 4.19, 4.22, 4.23, 4.25 and 4.26: lateral velocity over rate and variance of the receiver."""
-    rates = (0.5, 1.0, 2.0, 5.0, 10.0, 20.0, 50.0)
-    variances = np.geomspace(1e-4, 1.0, 7)
-    filters = ("dual_kkf", "dual_kkf_free", "inertial")
-    with page("Lateral velocity at 5 m/s over the receiver, RMS once settled", (11, 5.6)) as (figure, save):
-        panels = figure.subplots(2, 3)
-        for panel, name in zip(panels[0], filters, strict=True):
-            for (row, manoeuvre), colour in zip(SHORT.items(), COLOURS, strict=True):
-                errors = [replace(SECTION_4_4, fix_period=1 / rate) for rate in rates]
-                panel.plot(rates, _rmse(name, manoeuvre, errors, store), "o-", color=colour, ms=3, label=row)
-            labelled(panel, f"{name}, variance 5e-4 m²/s²", "fixes a second", "[m/s]")
-        for panel, name in zip(panels[1], filters, strict=True):
-            for (row, manoeuvre), colour in zip(SHORT.items(), COLOURS, strict=True):
-                errors = [replace(SECTION_4_4, fix=float(np.sqrt(variance))) for variance in variances]
-                panel.plot(variances, _rmse(name, manoeuvre, errors, store), "o-", color=colour, ms=3, label=row)
-            labelled(panel, f"{name}, 1 Hz", "variance of the velocity [m²/s²]", "[m/s]")
-        for panel in panels.ravel():
-            panel.set_xscale("log")
-            panel.set_yscale("log")
-        panels[0][0].legend(fontsize=7)
-        return [save(folder / "figures_4_18_to_4_26_receiver.png")]
-
-
-def _rmse(name: str, manoeuvre: str, every: Sequence[Errors], store: Path) -> list[float]:
-    truth = drive_plant(manoeuvre, "jaguar_saloon", store)
-    return [float(estimate(name, truth, Case(manoeuvre, 0, errors))["lateral_velocity"]["rmse"]) for errors in every]
-
-
-def on_bus(folder: Path, store: Path) -> list[Path]:
-    """Figure 4.6: a yaw rate without noise, directly and by the bus, and the error of the dual KKF with either."""
-    row, name = "DO35", "dual_kkf"
-    truth = drive_plant(ROWS[row], "jaguar_saloon", store)
-    with page(f"A gyro without noise, directly and by the CAN bus, {row}", (8.5, 6.5)) as (figure, save):
-        rates, headings, slips = figure.subplots(3, 1)
-        begin, length = np.argmax(np.abs(truth.yaw_rate) > np.radians(1.0)), round(1.0 / STEP)
-        shown = slice(begin, begin + length)
-        for label, bus, colour in (("direct", None, COLOURS[0]), ("bus", Bus(), COLOURS[1])):
-            errors = replace(ON_THE_BUS, gyro=Error(1e-6, 0.0), bus=bus)
-            case = Case(ROWS[row], 0, errors)
-            read = readings(truth, case)
-            rates.step(truth.t[shown], np.degrees(read.imu[shown, 2]), where="post", color=colour, lw=1.0, label=label)
-            motions, at = follow(name, truth, case, read)
-            for panel, quantity in ((headings, "yaw"), (slips, "side_slip_error")):
-                error = _value(quantity, motions, truth, at)
-                assert error is not None
-                panel.plot(truth.t[at], np.degrees(error), color=colour, lw=0.9, label=label)
-        labelled(rates, "yaw rate", "", "[°/s]")
-        labelled(headings, "heading error of the dual KKF", "", "[°]")
-        labelled(slips, "side slip error of the dual KKF", "[s]", "[°]")
-        slips.set_ylim(-1.5, 1.5)
-        rates.legend()
-        return [save(folder / "figure_4_6_bus.png")]
 
 
 def on_hill(folder: Path) -> list[Path]:

@@ -25,11 +25,20 @@ from vsense_ros.navigation.aided import Aided
 from vsense_ros.navigation.car_numbers import car_numbers
 from vsense_ros.navigation.catalogue import DEFINITIONS
 from vsense_ros.navigation.motion import Motions, Readout
+from vsense_ros.navigation.space import Definition
 
 
-def follow(name: str, truth: Truth, case: Case, read: Readings) -> tuple[Motions, NDArray[np.int64]]:
-    """Estimates of a filter on the readings of a case, at each tenth of them, and the indices (n,) of these
-    readings."""
+def follow(
+    name: str,
+    truth: Truth,
+    case: Case,
+    read: Readings,
+    *,
+    definition: Definition | None = None,
+    every: int = KEPT,
+) -> tuple[Motions, NDArray[np.int64]]:
+    """Estimates of a filter on the readings of a case, at each tenth of them or `every` so many, and the indices (n,)
+    of these readings. Without a `definition` the filter is that of the catalogue by this name."""
     sensors = sensors_of(case.errors)
     known = {
         "road_bank": LEVEL, "stiffness_deviation": TYRES_KNOWN, "gyro_scale_deviation": SCALE_KNOWN,
@@ -37,7 +46,7 @@ def follow(name: str, truth: Truth, case: Case, read: Readings) -> tuple[Motions
         "antenna_deviation": ANTENNA_KNOWN, "steering_error": STEERING_KNOWN,
     }  # fmt: skip
     numbers = {**car_numbers(study_car(case.plant), sensors.values()), **known}
-    filter = Aided(name, DEFINITIONS[name][1], numbers, sensors)
+    filter = Aided(name, definition or DEFINITIONS[name][1], numbers, sensors)
     readout = Readout(filter)
     variances = {key: sensor.deviations() ** 2 for key, sensor in sensors.items()}
     fix = read.fixes[0]
@@ -63,7 +72,7 @@ def follow(name: str, truth: Truth, case: Case, read: Readings) -> tuple[Motions
             filter.correct("velocity", read.fixes[k], variances["velocity"])
         for key in used:
             filter.correct(key, rows[key][k], variances[key])
-        if k % KEPT == 0:
+        if k % every == 0:
             snapshots.append(readout.snapshot(k))
             at.append(k)
     return readout.motions(snapshots), np.array(at)

@@ -23,13 +23,13 @@ RATE = PassedInput("heading", "velocity", lambda x, u: [u.yaw_rate - x.gyro_bias
 TURNED = PassedMeasurement(GNSS, "heading", "velocity", "velocity", in_axes_of_car)
 
 
-def dual(*of_heading: Measurement, held: bool = True) -> Definition:
-    """With these measurements of the heading."""
-    velocity = (VELOCITY, HELD) if held else (VELOCITY,)
+def dual(*of_heading: Measurement, held: Measurement | None = HELD) -> Definition:
+    """With these measurements of the heading, and with what holds the last fix until the next."""
+    velocity = (VELOCITY, held) if held else (VELOCITY,)
     parts = {"heading": (YawKkf(), of_heading), "velocity": (VelocityKkf(), velocity)}
     return Definition(parts, (RATE,), (TURNED,), (remembered("heading"),))
 
 
 DUAL_KKF = dual(COURSE)
-DUAL_KKF_WITHOUT_HOLD = dual(COURSE, held=False)
+DUAL_KKF_WITHOUT_HOLD = dual(COURSE, held=None)
 DUAL_KKF_WITH_HEADING = dual(COURSE, HEADING)
