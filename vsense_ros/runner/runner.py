@@ -19,13 +19,14 @@ from vsense_ros.estimation.filter import Innovation
 from vsense_ros.estimation.intake import FROZEN, Intake, Timing, by_topic
 from vsense_ros.estimation.reading import Map
 from vsense_ros.estimation.timeline import Channel, Event, Timeline
-from vsense_ros.messages.diagnostic import Diagnostic, Level
+from vsense_ros.messages.diagnostic import Diagnostic
 from vsense_ros.messages.recording import Sample
 from vsense_ros.model.vehicle import Vehicle
 from vsense_ros.observer.beginning import UNSURE
 from vsense_ros.observer.catalogue import default_filter
 from vsense_ros.observer.estimate import BALANCE
 from vsense_ros.observer.monitor import Limits, Monitor
+from vsense_ros.runner import diagnosis
 from vsense_ros.runner.adapter import Adapter, MakeFilter, Move, Placing, Report, Widening, adapter_of
 from vsense_ros.runner.direction_judge import DirectionJudge
 from vsense_ros.runner.fit_judge import FitJudge
@@ -33,7 +34,7 @@ from vsense_ros.runner.force_judge import ForceJudge
 from vsense_ros.runner.guard import Guard
 from vsense_ros.runner.judge import Judges
 from vsense_ros.runner.outage_judge import OutageJudge
-from vsense_ros.runner.placement import Place, Placement
+from vsense_ros.runner.placement import Placement
 from vsense_ros.runner.receiver_judge import ReceiverJudge
 from vsense_ros.runner.resets import Resets
 from vsense_ros.runner.steering_judge import SteeringJudge
@@ -42,8 +43,6 @@ from vsense_ros.runner.vote import Vote
 from vsense_ros.runner.vote_settings import VOTE
 
 Array = NDArray[np.float64]
-
-_NEWS = 5_000_000_000  # [ns] for which a reset is reported
 
 
 class Runner:
@@ -454,60 +453,4 @@ class Runner:
 
     def diagnostics(self, now: int | None = None) -> list[Diagnostic]:
         """One line for the observer and one for each sensor; `now` [ns] on the clock of arrivals."""
-        at = self.intake.newest_arrival if now is None else now
-        found = [self._own_line(), *self.adapter.diagnostics()]
-        for i, ((name, sensor), health) in enumerate(zip(self.sensors.items(), self.health, strict=True)):
-            found.append(self._sensor_line(i, health.diagnostic(name, sensor, at)))
-        return found
-
-    def _own_line(self) -> Diagnostic:
-        """How far the filter has come, what it goes without, and what was reset."""
-        values = {**self.adapter.details, "faults": str(self.faults), "restarts": str(self.restarts)}
-        if not self.started:
-            if self.guard.failures:
-                return Diagnostic("observer", Level.ERROR, f"diverged: {self.guard.failures[-1][1]}", values)
-            return Diagnostic("observer", Level.WARN, self.adapter.waiting(), values)
-        converged = self.converged
-        condition = self.adapter.condition(converged)
-        if not self.heading_known:
-            return Diagnostic("observer", Level.WARN, condition, values)
-        doubts = [*self.adapter.doubts, *(f"without {axes.name(axis)}" for axes, axis, _ in self.vote.out)]
-        for judge in self.judges:
-            doubts += [*judge.doubts, *(f"without {self.names[index]}" for index in judge.out)]
-        if self.placement is not None:
-            place = self.placement.at(self.stamp)
-            if place is not Place.KNOWN:
-                doubts.append(place.value)
-            if place in (Place.RECKONED, Place.LOST):
-                values["without position"] = f"{self.placement.age(self.stamp):.1f} s"
-        if self.resets.reported:
-            stamp, sentence = self.resets.reported[-1]
-            values["resets"] = str(len(self.resets.reported))
-            if self.stamp - stamp < _NEWS:
-                doubts.append(sentence)
-        level = Level.OK if converged and not doubts else Level.WARN
-        return Diagnostic("observer", level, ", ".join([condition, *doubts]), values)
-
-    def _sensor_line(self, index: int, line: Diagnostic) -> Diagnostic:
-        """The line of a sensor, with its axes that are not believed or absent."""
-        axes = self.vote.axes.get(index)
-        if line.level == Level.STALE:
-            return line
-        for judge in self.judges:
-            if index in judge.out:
-                return Diagnostic(line.name, judge.level, f"not believed: {judge.why}", line.values)
-        parts = [f"{axes.words[axis]} {out.why}" for axis, out in axes.out.items()] if axes is not None else []
-        if parts:
-            return Diagnostic(line.name, max(Level.WARN, line.level), f"not believed: {', '.join(parts)}", line.values)
-        if line.level != Level.OK:
-            return line
-        absent = self._absent(index) if axes is None else axes.absent
-        doubts = [f"without {', '.join(absent)}"] if absent else []
-        doubts += self.intake.sensors[index].noisier_in_words(self.health[index].noisier)
-        doubts += [doubt for doubt in (self.adapter.doubt(line.name), *(j.doubt(index) for j in self.judges)) if doubt]
-        return Diagnostic(line.name, Level.WARN, ", ".join(["in use", *doubts]), line.values) if doubts else line
-
-    def _absent(self, index: int) -> list[str]:
-        """Names of the components of a sensor that do not come any more."""
-        sensor = self.intake.sensors[index]
-        return [sensor.components[one].words for one in self.health[index].absent(sensor)] if sensor.components else []
+        return diagnosis.lines(self, self.intake.newest_arrival if now is None else now)

@@ -1,0 +1,76 @@
+"""What a runner says of itself and of its sensors, in the lines of diagnostics."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from vsense_ros.messages.diagnostic import Diagnostic, Level
+from vsense_ros.runner.placement import Place
+
+if TYPE_CHECKING:
+    from vsense_ros.runner.runner import Runner
+
+_NEWS = 5_000_000_000  # [ns] for which a reset is reported
+
+
+def lines(runner: Runner, now: int) -> list[Diagnostic]:
+    """One line for the observer and one for each sensor; `now` [ns] on the clock of arrivals."""
+    found = [_own_line(runner), *runner.adapter.diagnostics()]
+    for i, ((name, sensor), health) in enumerate(zip(runner.sensors.items(), runner.health, strict=True)):
+        found.append(_sensor_line(runner, i, health.diagnostic(name, sensor, now)))
+    return found
+
+
+def _own_line(runner: Runner) -> Diagnostic:
+    """How far the filter has come, what it goes without, and what was reset."""
+    values = {**runner.adapter.details, "faults": str(runner.faults), "restarts": str(runner.restarts)}
+    if not runner.started:
+        if runner.guard.failures:
+            return Diagnostic("observer", Level.ERROR, f"diverged: {runner.guard.failures[-1][1]}", values)
+        return Diagnostic("observer", Level.WARN, runner.adapter.waiting(), values)
+    converged = runner.converged
+    condition = runner.adapter.condition(converged)
+    if not runner.heading_known:
+        return Diagnostic("observer", Level.WARN, condition, values)
+    doubts = [*runner.adapter.doubts, *(f"without {axes.name(axis)}" for axes, axis, _ in runner.vote.out)]
+    for judge in runner.judges:
+        doubts += [*judge.doubts, *(f"without {runner.names[index]}" for index in judge.out)]
+    if runner.placement is not None:
+        place = runner.placement.at(runner.stamp)
+        if place is not Place.KNOWN:
+            doubts.append(place.value)
+        if place in (Place.RECKONED, Place.LOST):
+            values["without position"] = f"{runner.placement.age(runner.stamp):.1f} s"
+    if runner.resets.reported:
+        stamp, sentence = runner.resets.reported[-1]
+        values["resets"] = str(len(runner.resets.reported))
+        if runner.stamp - stamp < _NEWS:
+            doubts.append(sentence)
+    level = Level.OK if converged and not doubts else Level.WARN
+    return Diagnostic("observer", level, ", ".join([condition, *doubts]), values)
+
+
+def _sensor_line(runner: Runner, index: int, line: Diagnostic) -> Diagnostic:
+    """The line of a sensor, with its axes that are not believed or absent."""
+    axes = runner.vote.axes.get(index)
+    if line.level == Level.STALE:
+        return line
+    for judge in runner.judges:
+        if index in judge.out:
+            return Diagnostic(line.name, judge.level, f"not believed: {judge.why}", line.values)
+    parts = [f"{axes.words[axis]} {out.why}" for axis, out in axes.out.items()] if axes is not None else []
+    if parts:
+        return Diagnostic(line.name, max(Level.WARN, line.level), f"not believed: {', '.join(parts)}", line.values)
+    if line.level != Level.OK:
+        return line
+    absent = _absent(runner, index) if axes is None else axes.absent
+    doubts = [f"without {', '.join(absent)}"] if absent else []
+    doubts += runner.intake.sensors[index].noisier_in_words(runner.health[index].noisier)
+    doubts += [doubt for doubt in (runner.adapter.doubt(line.name), *(j.doubt(index) for j in runner.judges)) if doubt]
+    return Diagnostic(line.name, Level.WARN, ", ".join(["in use", *doubts]), line.values) if doubts else line
+
+
+def _absent(runner: Runner, index: int) -> list[str]:
+    """Names of the components of a sensor that do not come any more."""
+    sensor = runner.intake.sensors[index]
+    return [sensor.components[one].words for one in runner.health[index].absent(sensor)] if sensor.components else []
