@@ -74,24 +74,25 @@ NAMES: tuple[Named, ...] = (
     Named("imu/data", "angular_velocity.1", rf"(?:pitch ?(?:rate|velocity)|w ?y|{_AXIS['y']})", "angular velocity"),
     Named(
         "imu/data", "angular_velocity.2",
-        rf"(?:(?:gyro )?yaw(?: ?(?:rate|velocity|speed))?|gierrate|psip|w ?z|gps gyro|{_AXIS['z']})",
+        rf"(?:(?:gyro )?yaw ?(?:rate|velocity|speed)|gierrate|psip|w ?z|gps gyro|{_AXIS['z']})",
         "angular velocity",
     ),
+    Named("imu/data", "angular_velocity.2", r"(?:gyro )?yaw", "angular velocity"),  # where no column says rate
     Named(
         "imu/data", "linear_acceleration.0",
         rf"(?:(?:lon(?:g|gitudinal)?|längs|laengs|line?a?) ?{_ACC}|(?:linear )?{_ACC} ?(?:xv?|lon(?:g|gitudinal)?)"
-        rf"|a ?x|a ?long|x {_ACC}|g x|line?al? ?gs?|longitudinal ?gs?|acceleration ?gs)",
+        rf"|a ?x(?: g)?|a ?long|x {_ACC}|g x|line?al? ?gs?|longitudinal ?gs?|acceleration ?gs)",
         "acceleration",
     ),
     Named(
         "imu/data", "linear_acceleration.1",
-        rf"(?:(?:lat(?:eral)?|quer) ?{_ACC}|(?:linear )?{_ACC} ?(?:yv?|lat(?:eral)?)|a ?y|a ?lat|y {_ACC}|g y"
+        rf"(?:(?:lat(?:eral)?|quer) ?{_ACC}|(?:linear )?{_ACC} ?(?:yv?|lat(?:eral)?)|a ?y(?: g)?|a ?lat|y {_ACC}|g y"
         r"|lateral ?gs?)",
         "acceleration",
     ),
     Named(
         "imu/data", "linear_acceleration.2",
-        rf"(?:vert(?:ical)? ?{_ACC}|(?:linear )?{_ACC} ?(?:zv?|vert(?:ical)?)|a ?z|z {_ACC}|g z|vertical ?g)",
+        rf"(?:vert(?:ical)? ?{_ACC}|(?:linear )?{_ACC} ?(?:zv?|vert(?:ical)?)|a ?z(?: g)?|z {_ACC}|g z|vertical ?g)",
         "acceleration",
     ),
     Named("gps/fix", "latitude", r"lat(?:itude)?(?: y position)?", "angle"),
