@@ -6,10 +6,15 @@ from collections.abc import Callable, Sequence
 
 from rich.table import Table
 
-from studies.literature import bevly_bias, liu_odometry, ryu_bank
+from studies.literature import bevly_bias, decentralised, liu_odometry, ryu_bank
 from studies.literature.finding import Finding
 
-EXAMINED: tuple[Callable[[], list[Finding]], ...] = (liu_odometry.examine, ryu_bank.examine, bevly_bias.examine)
+EXAMINED: tuple[Callable[[], list[Finding]], ...] = (
+    liu_odometry.examine,
+    ryu_bank.examine,
+    bevly_bias.examine,
+    decentralised.examine,
+)
 
 
 def findings(progress: Callable[[float], None] = lambda share: None) -> list[Finding]:

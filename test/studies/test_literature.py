@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from studies.literature import bevly_bias, liu_odometry, ryu_bank
+from studies.literature import bevly_bias, decentralised, liu_odometry, ryu_bank
 from vsense_ros.model.constants import GRAVITY
 
 
@@ -86,3 +86,10 @@ def test_without_fixes_the_markov_bias_states_the_deviation_of_an_integrated_orn
     covariance = filter.belief().covariance
     assert covariance[0, 0] == pytest.approx(start.covariance[0, 0] + wandered, rel=1e-3)
     assert covariance[1, 1] == pytest.approx(gyro["bias"] ** 2, rel=1e-9)
+
+
+def test_the_master_of_decentralised_filters_finds_what_one_filter_with_all_sensors_finds() -> None:
+    master, independent, central, _ = decentralised.drive(np.random.default_rng(3), 60.0)
+    assert master.mean == pytest.approx(central.mean, rel=1e-6, abs=1e-10)
+    assert master.covariance == pytest.approx(central.covariance, rel=1e-6)
+    assert independent.covariance[1, 1] < 0.8 * central.covariance[1, 1], "the gyro is counted twice"
