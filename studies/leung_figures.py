@@ -327,7 +327,7 @@ FIGURES: dict[str, Figure] = {
     "4.22": Figure(
         "forward velocity over the variance of the receiver, 1 Hz",
         "the error grows with the variance; below 1e-2 m²/s² SD is apart from the other courses",
-        _swept(FORWARD, ("dual_kkf",), True),
+        _swept(FORWARD, ("dual_kkf", "dual_kkf_free"), True),
     ),
     "4.23": Figure(
         "lateral velocity over the variance of the receiver, 1 Hz",
