@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from studies.literature import bevly_bias, decentralised, liu_odometry, ryu_bank
+from studies.literature import bevly_bias, decentralised, gao_aiding, liu_odometry, ryu_bank
 from vsense_ros.model.constants import GRAVITY
 
 
@@ -93,3 +93,20 @@ def test_the_master_of_decentralised_filters_finds_what_one_filter_with_all_sens
     assert master.mean == pytest.approx(central.mean, rel=1e-6, abs=1e-10)
     assert master.covariance == pytest.approx(central.covariance, rel=1e-6)
     assert independent.covariance[1, 1] < 0.8 * central.covariance[1, 1], "the gyro is counted twice"
+
+
+def test_aiding_helps_in_an_outage_and_a_car_that_is_taken_not_to_slide_less_where_it_slides() -> None:
+    straight, sliding = gao_aiding.errors(0.0, drives=3), gao_aiding.errors(np.radians(10.0), drives=3)
+    assert max(straight[2], straight[3], straight[4]) < 0.5 * straight[1]
+    assert straight[2] < 1.05 * min(straight[3], straight[4])
+    assert min(sliding[3], sliding[4]) < sliding[2]
+
+
+def test_the_winding_drive_of_the_outage_has_the_acceleration_of_its_own_velocity() -> None:
+    true, readings = gao_aiding.winding_drive(np.radians(10.0))
+    c, s = np.cos(true[:, 0]), np.sin(true[:, 0])
+    ground = np.column_stack([c * true[:, 1] - s * true[:, 2], s * true[:, 1] + c * true[:, 2]])
+    found = np.gradient(ground, gao_aiding.STEP, axis=0)[1:-1]
+    along, across = readings[1:-1, 0], readings[1:-1, 1]
+    felt = np.column_stack([c[1:-1] * along - s[1:-1] * across, s[1:-1] * along + c[1:-1] * across])
+    assert found == pytest.approx(felt, abs=2e-3)
