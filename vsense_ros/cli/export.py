@@ -22,6 +22,7 @@ def export() -> None:
     Examples:
       vsense export c prototype_model --output out/c --check bags/double_lane_change
       vsense export fmu prototype_model --fmi 3 --output out/prototype.fmu --check bags/double_lane_change
+      vsense export compare bags/double_lane_change --vehicle prototype_model
     """
 
 
@@ -213,6 +214,58 @@ def export_fmu(
         agreement = fmu_check.compare(car, output, int(version), recording, done, scalars=scalars)
     for line in agreement.in_words():
         console().print(line, soft_wrap=True)
+
+
+@export.command("compare")
+@click.argument("bag", type=EXISTING)
+@click.option("--vehicle", required=True, metavar="NAME", help="Vehicle file, or the name of an installed one.")
+@click.option("--filter", "chosen", metavar="NAME", help="error_ekf or spi; default: that of the vehicle.")
+@click.option(
+    "--seconds", type=click.FloatRange(min=0.0, min_open=True), metavar="S", help="Only the first S seconds of BAG."
+)
+def export_compare(bag: Path, vehicle: str, chosen: str | None, seconds: float | None) -> None:
+    """Run the exported C, the FMU and the observer in Python on BAG.
+
+    \b
+    Examples:
+      vsense export compare bags/double_lane_change --vehicle prototype_model
+      vsense export compare bags/double_lane_change --vehicle prototype_model --filter spi --seconds 2
+
+    All are compiled here and get the same measurements in order of time, as if none came late. A table has the RMS and
+    the largest difference of each pair for each output, another the time of a step with its corrections. The FMU is run
+    by FMPy, whose calls count in its time, and is left out where FMPy is not installed.
+    """
+    from vsense_ros.bag.importers import import_recording
+    from vsense_ros.evaluate.terminal import console, plain_table, progress, say, waiting
+    from vsense_ros.export import c, side_by_side
+    from vsense_ros.model.vehicle import left_out_of_observer
+
+    car = load_car(vehicle)
+    if chosen is not None:
+        car = c.with_filter(car, chosen)
+    warn(left_out_of_observer(car))
+    recording = import_recording(bag)
+    if seconds is not None:
+        recording = side_by_side.beginning(recording, seconds)
+    with TemporaryDirectory() as place:
+        with waiting("writing and compiling C and the unit"):
+            built = side_by_side.build(car, Path(place))
+        with progress("comparing") as done:
+            found = side_by_side.compare(car, built, recording, done)
+    headings = [f"{a} - {b}, {what}" for a, b in found.pairs for what in ("RMS", "largest")]
+    table = plain_table("output", "unit", *headings, right=headings)
+    table.columns[0].no_wrap = True
+    columns = [column for pair in found.pairs for column in found.apart(pair)]
+    for i, (name, unit) in enumerate(found.outputs):
+        table.add_row(name, unit, *(f"{column[i]:.1e}" for column in columns))
+    console().print(table)
+    times = plain_table("computed by", "step", right=["step"])
+    for name, each in found.seconds.items():
+        times.add_row(name, f"{each * 1e6:.0f} µs")
+    console().print(times)
+    say(f"{found.steps} steps of {recording.name or bag.name}.")
+    if side_by_side.UNIT not in found.values:
+        say("The FMU was left out: FMPy is not installed (pip install 'vsense_ros[fmu]').")
 
 
 @click.command("export-results")

@@ -172,14 +172,14 @@ def compare(
     agreement = Agreement(version, list(validate_fmu(str(path))))
     sensors, drive = sensors_of(vehicle), moments(vehicle, recording)
     speed, yaw = start_of(vehicle, drive)
-    own = _InPython(vehicle, sensors, speed, yaw)
+    own = InPython(vehicle, sensors, speed, yaw)
     with tempfile.TemporaryDirectory() as place:
         folder = Path(fmpy.extract(str(path), place))
         library = check.build(folder / "sources", (optimised, "-std=c99"))
         exported = check.Exported(vehicle, library)
         exported.start(speed, yaw)
         running = Running(path, Unit(vehicle, scalars=scalars), version, speed, yaw)
-        together = drive_together(vehicle, sensors, drive, (exported, own), _as_a_unit_gets)
+        together = drive_together(vehicle, sensors, drive, (exported, own), as_a_unit_gets)
         try:
             for i, (state, _) in enumerate(zip(drive_unit(running, vehicle, drive), together, strict=True)):
                 agreement.steps += 1
@@ -195,7 +195,7 @@ def compare(
     return agreement
 
 
-class _InPython:
+class InPython:
     """The vehicle's own filter, as `drive_together` drives it."""
 
     def __init__(self, vehicle: Vehicle, sensors: dict[str, SensorBase], speed: float, yaw: float) -> None:
@@ -209,6 +209,6 @@ class _InPython:
         self.filter.linearize()
 
 
-def _as_a_unit_gets(sensor: SensorBase, value: Array) -> Array:
+def as_a_unit_gets(sensor: SensorBase, value: Array) -> Array:
     """Offsets go on and off again, as in a unit, so that all get the same bits."""
     return (value + sensor.offsets()) - sensor.offsets()
