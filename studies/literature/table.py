@@ -6,7 +6,7 @@ from collections.abc import Callable, Sequence
 
 from rich.table import Table
 
-from studies.literature import bevly_bias, decentralised, gao_aiding, liu_odometry, ryu_bank
+from studies.literature import bevly_bias, decentralised, gao_aiding, he_four_wheel_steering, liu_odometry, ryu_bank
 from studies.literature.finding import Finding
 
 EXAMINED: tuple[Callable[[], list[Finding]], ...] = (
@@ -15,6 +15,7 @@ EXAMINED: tuple[Callable[[], list[Finding]], ...] = (
     bevly_bias.examine,
     decentralised.examine,
     gao_aiding.examine,
+    he_four_wheel_steering.examine,
 )
 
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from studies.literature import bevly_bias, decentralised, gao_aiding, liu_odometry, ryu_bank
+from studies.literature import bevly_bias, decentralised, gao_aiding, he_four_wheel_steering, liu_odometry, ryu_bank
 from vsense_ros.model.constants import GRAVITY
 
 
@@ -110,3 +110,15 @@ def test_the_winding_drive_of_the_outage_has_the_acceleration_of_its_own_velocit
     along, across = readings[1:-1, 0], readings[1:-1, 1]
     felt = np.column_stack([c[1:-1] * along - s[1:-1] * across, s[1:-1] * along + c[1:-1] * across])
     assert found == pytest.approx(felt, abs=2e-3)
+
+
+def test_wheels_that_all_point_aside_lead_a_car_aside_and_opposite_ones_around() -> None:
+    car, angle, n = he_four_wheel_steering.CAR, 0.1, 500
+    crab = he_four_wheel_steering.follow(np.full((n, 2), angle), np.full((n, 4), 5.0), 0.01)
+    assert crab[-1] == pytest.approx([5.0, angle, 0.0], abs=1e-3)
+    opposite = np.array([angle, -np.arctan(np.tan(angle) * car["to_rear"] / car["to_front"])])
+    curvature = np.tan(angle) / car["to_front"]
+    places = [(x, y) for x in (car["to_front"], -car["to_rear"]) for y in (car["half_track"], -car["half_track"])]
+    wheels = [5.0 * np.hypot(1 - y * curvature, x * curvature) for x, y in places]
+    around = he_four_wheel_steering.follow(np.tile(opposite, (n, 1)), np.tile(wheels, (n, 1)), 0.01)
+    assert around[-1] == pytest.approx([5.0, 0.0, curvature], abs=1e-3)
