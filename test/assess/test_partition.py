@@ -28,6 +28,16 @@ def test_the_link_that_ate_the_thesis_s_mass_matrix_eats_ours():
     assert all(choice.use.kernel.name != "body_mass" for choice in found.chosen)
 
 
+def test_what_is_chosen_fits_each_device_of_the_list():
+    wanted = uses(VEHICLE)
+    for file in sorted((ROOT / "config/devices").glob("*.yaml")):
+        device = load_device(file.stem)
+        assert device.name == file.stem
+        found = partition(device.model_copy(update={"setup_us": 0.0}), 1000.0, wanted)
+        for kind in RESOURCES:
+            assert sum(choice.resources[kind] for choice in found.chosen) <= getattr(device, kind)
+
+
 @pytest.mark.exam
 def test_without_a_cost_of_transfers_what_is_chosen_gains_and_fits():
     device = load_device("xc7z020").model_copy(update={"setup_us": 0.0, "stream_bits": 128})

@@ -21,6 +21,7 @@ def partition(vehicle: str, device: str, full: bool, iterations: float | None) -
     Examples:
       vsense partition prototype_model --device xc7z020
       vsense partition prototype_model --device xc7z020 --full
+      vsense partition prototype_model --device xczu7ev --full
       vsense partition prototype_model --device my_board.yaml --iterations 5
 
     Predicts the gain from the operations of the observer with implicit steps, the number of iterations and how single
