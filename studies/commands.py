@@ -6,6 +6,7 @@ from pathlib import Path
 
 import click
 
+from studies.literature.command import literature
 from vsense_ros.cli.common import NEW_FILE, NEW_FOLDER, Commands, load_car, warn
 
 
@@ -18,6 +19,9 @@ class StudyCommands(Commands):
 @click.group(cls=StudyCommands, context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 100})
 def main() -> None:
     """Tables of the papers that the project follows, and examinations of the observers by its authors."""
+
+
+main.add_command(literature)
 
 
 @main.command()
@@ -302,22 +306,6 @@ def leung(
         with progress("drawing models") as done:
             pictures += leung_models_picture.draw_all(folder / "figures", folder, done)
         say(f"{len(pictures)} pictures in {folder / 'figures'}.")
-
-
-@main.command()
-def literature() -> None:
-    """Examine filters that Leung 2010 describes in chapter 2 and does not use, in small simulations.
-
-    \b
-    Examples:
-      python -m studies literature
-    """
-    from studies.literature.table import findings, table
-    from vsense_ros.evaluate.terminal import console, progress
-
-    with progress("simulating") as done:
-        found = findings(done)
-    console().print(table(found))
 
 
 @main.command()
