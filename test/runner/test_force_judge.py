@@ -5,13 +5,17 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from studies.thesis import KINDS, driven, observe, observing
 from vsense_ros.bag.importers import import_recording
 from vsense_ros.evaluate.metrics import align
 from vsense_ros.evaluate.signals import read_signals
 from vsense_ros.files.installed import shared_folder, vehicle_path
 from vsense_ros.files.vehicle import load_vehicle
+from vsense_ros.manoeuvre.sensing import record
+from vsense_ros.manoeuvre.throttle_and_steer import MANOEUVRES
+from vsense_ros.messages.recording import Recording
 from vsense_ros.model.vehicle import Vehicle
-from vsense_ros.runner import run
+from vsense_ros.runner import Runner, run
 
 SAID = "lateral tyre forces are not those of the vehicle file"
 
@@ -50,3 +54,28 @@ def test_estimates_by_a_file_that_is_off_by_a_factor_are_as_uncertain_as_they_ar
 
 def test_nothing_is_said_of_the_car_of_the_file() -> None:
     assert SAID not in within_three("double_lane_change", car())[1]
+
+
+def left_out(recording: Recording, observer: Runner) -> set[str]:
+    """Inertial axes that are not believed at any time of a recording, all of whose sensors are right."""
+    names: set[str] = set()
+    for sample in recording.samples(tuple(topic for topic in observer.topics if topic in recording)):
+        observer.add(sample)
+        names |= {axes.name(axis) for axes, axis, _ in observer.vote.out}
+    return names
+
+
+def test_a_right_gyro_stays_in_with_twice_the_mass() -> None:
+    recording = import_recording(shared_folder("bags") / "double_lane_change")
+    assert "imu yaw rate" not in left_out(recording, Runner(car(mass=2.0)))
+
+
+@pytest.mark.exam
+def test_a_right_gyro_stays_in_with_wrong_mass_and_friction_where_wheels_of_two_axles_disagree_about_it() -> None:
+    plant, model = (load_vehicle(vehicle_path(name)) for name in ("prototype_real", "prototype_model"))
+    vehicle, trajectory = driven(plant, MANOEUVRES[1])
+    recording = record(trajectory, vehicle, 2, name="manoeuvre 2", biased=False, every=4)
+    observer, output, _ = observe(recording, observing(model, KINDS[0], 4), KINDS[0], 4)
+    found = align(read_signals(output, "vsense")["yaw"], read_signals(recording, "reference")["yaw"])
+    assert not any(observer.vote.out)
+    assert np.abs(found.error).max() < 0.005

@@ -4,7 +4,7 @@ A mass, a steering ratio or tyres that are another car's make the force that the
 file states (`observer.force_errors`), within seconds of cornering. Its mean square over its variance is one if they are
 true (covariance matching, Mehra 1972). Where it is clearly more, the slip angles that follow from these tyres are wrong
 by about what that force is worth, and the covariances that are published are widened by it; the filter itself stays as
-it is: an error that lasts is no noise.
+it is: an error that lasts is no noise. Meanwhile no gyro is left out because of what the model alone says.
 """
 
 from __future__ import annotations
@@ -17,6 +17,7 @@ from vsense_ros.estimation.timeline import Event, Timeline
 from vsense_ros.runner.adapter import Adapter, Apart
 from vsense_ros.runner.car_fit import axle_slips
 from vsense_ros.runner.judge import Judge
+from vsense_ros.runner.steering_judge import axis_of_yaw_rate
 
 
 @dataclass(frozen=True)
@@ -44,6 +45,7 @@ class ForceJudge(Judge):
         super().__init__()
         self._adapter, self._gyro_out = adapter, gyro_out
         self.hears: frozenset[int] = frozenset()
+        self._yaw_rate = axis_of_yaw_rate(tuple(adapter.sensors.values()))
         self.judged = adapter.lateral_force_error > 0
         if self.judged:
             accelerations, _, rear = axle_slips(adapter.vehicle)
@@ -68,6 +70,10 @@ class ForceJudge(Judge):
         speed = max(abs(self._adapter.forward_speed), FORCES.slowest)
         turned = missing / speed * (1.0 if self._gyro_out() else FORCES.drawn)
         return Apart(across=missing * self._slip * speed, yaw_rate=turned)
+
+    @property
+    def spares(self) -> frozenset[tuple[int, int]]:
+        return self._yaw_rate if self.missing else frozenset()
 
     @property
     def doubts(self) -> list[str]:

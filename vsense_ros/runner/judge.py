@@ -55,6 +55,11 @@ class Judge(ABC):
         return {}
 
     @property
+    def spares(self) -> frozenset[tuple[int, int]]:
+        """Inertial sensors and axes of them that contradict a model of the car which is known to be wrong."""
+        return frozenset()
+
+    @property
     def apart(self) -> Apart:
         """How far apart the motions are that sensors measure, while it is not decided which of them are right."""
         return Apart()
@@ -111,6 +116,11 @@ class Judges:
         for judge in self._judges:
             confirmed |= judge.confirms
         return confirmed
+
+    @property
+    def spares(self) -> frozenset[tuple[int, int]]:
+        """Inertial sensors and axes that any of them spares."""
+        return frozenset().union(*(judge.spares for judge in self._judges))
 
     @property
     def apart(self) -> Apart:

@@ -15,23 +15,28 @@ from numpy.typing import NDArray
 
 from vsense_ros.estimation.filter import Innovation
 from vsense_ros.estimation.timeline import Event, Timeline
+from vsense_ros.model.sensors.base import MeasuredQuantity
 from vsense_ros.runner.adapter import Adapter, Widening
 from vsense_ros.runner.axes import Axes
 from vsense_ros.runner.sums import SHORT
 from vsense_ros.runner.vote_settings import STEERING, VOTE
 
 Array = NDArray[np.float64]
+_OF_PLACE: frozenset[MeasuredQuantity] = frozenset({"course", "heading", "position"})
 Scores = dict[int, Array]  # by sensor (3, m): Σ (w² + 2 ln d), Σ w² and number of each component
 
 
 class Ballot(NamedTuple):
     """A vote of the others without some axes of a sensor: `gain` is Δ, `disagreement` the mean of the squares of the
-    whitened innovations of that sensor which agrees least."""
+    whitened innovations of that sensor which agrees least. `against` is what those components lose that are predicted
+    worse, `by_place` the part of the gain that is of sensors which measure the car's way on the map."""
 
     gain: float
     disagreement: float
     axes: Axes
     left: list[int]
+    against: float = 0.0
+    by_place: float = 0.0
 
 
 class Recount:
@@ -77,17 +82,21 @@ class Recount:
         without = None if everybody is None else self._scores((axes.index, left))
         if everybody is None or without is None:
             return Ballot(-np.inf, np.inf, axes, left)
-        gain, disagreement = 0.0, 0.0
+        gain, disagreement, against, by_place = 0.0, 0.0, 0.0, 0.0
         for index, score in everybody.items():
             if index in self._without_vote:
                 continue
             pair = np.array([score, without[index]])
             if index == axes.index:
                 pair = np.delete(pair, left, axis=2)
-            gain += float((pair[0, 0] - pair[1, 0]).sum())
+            gains = pair[0, 0] - pair[1, 0]
+            gain += float(gains.sum())
+            against -= float(np.minimum(gains, 0.0).sum())
+            if self._adapter.measures(index) & _OF_PLACE:
+                by_place += float(gains.sum())
             _, squares, count = pair[1].sum(axis=1).tolist()
             disagreement = max(disagreement, squares / max(count, 1.0))
-        return Ballot(gain, disagreement, axes, left)
+        return Ballot(gain, disagreement, axes, left, against, by_place)
 
     def steering_explains(self, best: Ballot) -> bool:
         """True if a wrong steering angle explains what all have measured, the axis that seems wrong included, better

@@ -241,7 +241,7 @@ class Runner:
                 self._shift(move)
         vote = self.vote
         if self.judges.settle(self._timeline):
-            vote.wait, vote.confirmed = self.judges.suspect, self.judges.confirms
+            vote.wait, vote.confirmed, vote.spared = self.judges.suspect, self.judges.confirms, self.judges.spares
         if vote.due(self.stamp):
             vote.decide(self._timeline)
         while vote.returned:

@@ -37,7 +37,7 @@ class SteeringJudge(Judge):
         self._adapter, self._vote, self._shift, self._report = adapter, vote, shift, report
         self._witnesses = YawWitnesses(adapter.vehicle, adapter.sensors)
         self.hears = self._witnesses.hears
-        self._yaw_rate = _axis_of_yaw_rate(tuple(adapter.sensors.values()))
+        self._yaw_rate = axis_of_yaw_rate(tuple(adapter.sensors.values()))
         self.judged = self._witnesses.possible and adapter.steering_error is not None
         self._recent: deque[tuple[int, float]] = deque(maxlen=STEERING.kept)  # stamps [ns] and angles [rad]
         self._wait = WITNESSES.agreed
@@ -228,7 +228,7 @@ class SteeringJudge(Judge):
         return widening_event(self._shift, stamp, change)
 
 
-def _axis_of_yaw_rate(sensors: Sequence[SensorBase]) -> frozenset[tuple[int, int]]:
+def axis_of_yaw_rate(sensors: Sequence[SensorBase]) -> frozenset[tuple[int, int]]:
     """The place of the first inertial sensor and its axis that is nearest to the car's vertical one; empty for none."""
     place = place_of(sensors, "rates and forces")
     if place < 0:

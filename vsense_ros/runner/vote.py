@@ -21,6 +21,11 @@ of the car. An axis of an inertial sensor, a gyro or an accelerometer, is judged
    add up to `own` standard deviations: two tests then say the same. The filter then goes back to before the
    contradiction, and on without the axis.
 
+The others must agree. If the readings that are predicted worse without the axis lose more than `suspect`, the model is
+wrong and not the axis: a gyro that is wrong is contradicted by all wheels, not by those of one axle. And while the
+lateral forces are known not to be those of the vehicle file (`force_judge`), the yaw rate is out only if GNSS alone
+says so by `gain`: all other sensors contradict it through that model.
+
 A vote needs somebody to agree with: where nothing but inertial sensors is there, nobody is taken out. One who is out is
 asked on: once its innovations are as they should be for a while, twice as long each time, it is believed again, with a
 bias that is not known any more, since it may have jumped.
@@ -38,7 +43,7 @@ from vsense_ros.estimation.filter import Innovation
 from vsense_ros.estimation.timeline import Channel, Event, Timeline
 from vsense_ros.runner.adapter import Adapter
 from vsense_ros.runner.axes import Axes, Out
-from vsense_ros.runner.recount import Recount
+from vsense_ros.runner.recount import Ballot, Recount
 from vsense_ros.runner.sums import SHORT, WINDOWS
 from vsense_ros.runner.vote_settings import VOTE
 
@@ -83,6 +88,7 @@ class Vote:
         self._no_vote: set[int] = set()
         # Sensors and axes that a direct witness confirms, and the stamp of its newest message that does [ns].
         self.confirmed: dict[tuple[int, int], int] = {}
+        self.spared: frozenset[tuple[int, int]] = frozenset()  # axes that contradict a model known to be wrong
         self.wait = False  # True while something else may be wrong, and no axis is left out
 
     def forget(self, stamp: int) -> None:
@@ -334,17 +340,24 @@ class Vote:
         if best.gain < suspect or best.disagreement > VOTE.disagree:
             return
         self._pause = VOTE.first_pause
-        if best.gain < enough or recount.steering_explains(best):
+        if best.gain < enough or self._split(best) or recount.steering_explains(best):
             return
         self._alarm = None
         # Who is nearly as suspect as the worst may be the one: to do without both costs little, to believe one much.
         for one in ballots:
-            if one.gain > max(suspect, VOTE.nearly * best.gain) and one.disagreement <= VOTE.disagree:
+            near = one.gain > max(suspect, VOTE.nearly * best.gain) and one.disagreement <= VOTE.disagree
+            if near and not self._split(one):
                 self._take_out(one.axes, one.left[0], since, "contradicts the others", now)
                 self._undo(timeline, since, one.axes, one.left[0])
         self._loud.clear()
         for others in self.axes.values():
             others.sums.clear()
+
+    def _split(self, ballot: Ballot) -> bool:
+        """True if the others do not agree that an axis is wrong: some are predicted much worse without it, or only the
+        model says so, which is known to be wrong."""
+        spared = (ballot.axes.index, ballot.left[0]) in self.spared
+        return ballot.against > VOTE.suspect or (spared and ballot.by_place < VOTE.gain)
 
     def _undo(self, timeline: Timeline, since: int, axes: Axes, axis: int, value: float | None = None) -> None:
         """Go on from a time as if an axis had not said anything, or not this value."""
