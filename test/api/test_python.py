@@ -200,6 +200,13 @@ def test_a_filter_says_what_is_wrong_with_a_call(call, words):
         call(filter)
 
 
+def test_a_steering_angle_as_one_number_is_that_of_the_steering_wheel():
+    filter = vs.Filter(CAR, filter="error_ekf")
+    filter.correct("steering", [0.1], time=0.1)
+    (line,) = (one for one in filter.diagnostics if one.name == "steering")
+    assert "no usable" not in line.message
+
+
 def test_a_vehicle_and_a_filter_that_do_not_exist_are_named_with_those_that_do():
     with pytest.raises(vs.InputError, match="genesis"):
         vs.load_vehicle("gensis")

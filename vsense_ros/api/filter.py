@@ -201,7 +201,9 @@ def _joint_state(
         joints = tuple(value)
         numbers = np.array([float(np.asarray(value[joint])) for joint in joints])
     else:
-        numbers = _numbers(name, value, len(joints))
+        # Joints that are not given are left out: an absent angle would hide the one that is there.
+        numbers = _numbers(name, value, len(joints))[: np.size(value)]
+        joints = joints[: len(numbers)]
     empty = np.zeros(0)
     return joints, {"position": empty, "velocity": empty, "effort": empty, field: numbers}
 
