@@ -443,7 +443,7 @@ def write(figures: Found, results: Results, path: Path) -> None:
 
 
 def write_figures(figures: Mapping[str, Mapping[str, Mapping[str, float]]], path: Path) -> None:
-    """Write numbers of figures as JSON, beside what is there: `{figure N: {row: {column: number}}}`."""
+    """Write numbers of figures as JSON to a file, which keeps its others: `{figure N: {row: {column: number}}}`."""
     _add({f"figure {name}": rows for name, rows in figures.items()}, path)
 
 

@@ -41,7 +41,7 @@ class FourWheelSteering(NavigationSpace):
 
 
 def wheel_speeds(x: Named, z: Named, u: Named, p: Named) -> list[ca.SX]:
-    """Of the wheels front left, front right, rear left, rear right [m/s]."""
+    """Speeds [m/s] at which the wheels front left, front right, rear left, rear right roll where none slips, (4,)."""
     across = p.half_track * x.curvature / ca.cos(x.side_slip)
     return [
         x.speed * ca.cos(x.side_slip) * ca.sqrt((1 - side * across) ** 2 + ca.tan(steer) ** 2)
@@ -51,7 +51,7 @@ def wheel_speeds(x: Named, z: Named, u: Named, p: Named) -> list[ca.SX]:
 
 
 def wheel_angles(x: Named, z: Named, u: Named, p: Named) -> list[ca.SX]:
-    """Of the front and the rear wheels [rad]."""
+    """Steering angles [rad] of the front and the rear wheels with which none slips sideways, (2,)."""
     c, s = ca.cos(x.side_slip), ca.sin(x.side_slip)
     return [ca.atan2(s + p.to_front * x.curvature, c), ca.atan2(s - p.to_rear * x.curvature, c)]
 

@@ -1,6 +1,6 @@
-"""Bank of the road told apart from the roll of the body (Ryu & Gerdes 2004a; Leung 2010, eqs. 2.85 and 2.86).
+"""Bank of the road, separated from the roll of the body (Ryu & Gerdes 2004a; Leung 2010, eqs. 2.85 and 2.86).
 
-Two antennas across the car measure the sum of both, φ_v + φ_ev. A single-track model tells them apart: a road that
+Two antennas across the car measure the sum of both, φ_v + φ_ev. A single-track model separates them: a road that
 leans pulls the car aside, and the body rolls by the forces of the tyres.
 
     f_y = (F_F + F_R) / m                                      specific force of linear tyres
@@ -124,7 +124,7 @@ def banked_drive(h: float, speed: float) -> tuple[Array, Array]:
 
 
 def steer_angle(t: Any) -> Any:
-    """Of the front wheels in the slalom [rad]: up to 4 m/s² at 20 m/s."""
+    """Steering angle of the front wheels in the slalom [rad] at t [s]: up to 4 m/s² at 20 m/s."""
     return 0.03 * np.sin(1.2 * t)
 
 

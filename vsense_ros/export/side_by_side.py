@@ -76,7 +76,7 @@ def beginning(recording: Recording, seconds: float) -> Recording:
 
 
 def has_unit() -> bool:
-    """Whether FMPy, which runs units, is installed."""
+    """True if FMPy, which runs the FMU, is installed."""
     return find_spec("fmpy") is not None
 
 

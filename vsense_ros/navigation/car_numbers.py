@@ -16,9 +16,8 @@ TYPICAL_SPEED = 15.0  # [m/s] at which a road that changes along the way changes
 SLIP_ERROR = 0.0015  # [rad] by which a brush errs as an axle: tyres have another curve, links yield
 STEERING_ERROR = 0.3  # [1/rad] times the road-wheel angle squared: by which it errs, as ratios are not constant
 SHAKING_NOISE = 0.1  # [m/s²/√Hz] of a body that shakes on its springs, in an accelerometer across
-GYRO_SCALE_DEVIATION = (
-    0.01  # share by which a gyro may read too much or too little: data sheets say up to ±3 % (MPU-6050)
-)
+# Share by which a gyro may read too much or too little: data sheets say up to ±3 % (MPU-6050).
+GYRO_SCALE_DEVIATION = 0.01
 STIFFNESS_DEVIATION = 0.15  # share by which a car's tyres may be softer or stiffer than its file says
 ANTENNA_DEVIATION = 0.5  # [m] by which an antenna may sit ahead of or behind where the vehicle file says
 SAMPLE_TIME = 0.01  # [s] for which filters hold an inertial reading (Leung 2010, table B.1)

@@ -13,6 +13,7 @@ from dataclasses import dataclass
 from vsense_ros.estimation.intake import Intake
 from vsense_ros.estimation.timeline import Event, Timeline
 from vsense_ros.model.sensors import SensorBase, place_of
+from vsense_ros.navigation.car_numbers import GYRO_SCALE_DEVIATION
 from vsense_ros.runner.adapter import Adapter, Apart
 from vsense_ros.runner.judge import Judge
 
@@ -23,7 +24,7 @@ class OutageSettings:
     sheets, and of an acceleration that is felt and is none, as 0.6° of pitch and grade make it."""
 
     begins: float = 1.5  # [s] without GNSS
-    scale: float = 0.01  # [-] of a gyro
+    scale: float = GYRO_SCALE_DEVIATION  # [-] of a gyro
     acceleration: float = 0.1  # [m/s²] along the car, while no wheel is heard
 
 
