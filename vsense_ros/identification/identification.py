@@ -115,14 +115,7 @@ def identify(
     assert isinstance(whole, WithSensorErrors)
     start, wanted = one.values, tuple(name for name in one.free if name not in STEERING)
     drives = [whole.drive(drive) for drive in recorded_drives]
-    try:
-        estimated = _by_likelihood if MODELS[model].by_likelihood else _by_rinsing
-        weighed, rinsed, own = estimated(one, drives, prior, part(progress, 0, 2))
-    except FloatingPointError as error:
-        raise InputError(
-            f"the model {model} cannot follow {', '.join(d.name for d in drives)}: {error}. Are units and signs of the "
-            "signals, wheel radii and mass of the vehicle file right?"
-        ) from None
+    weighed, rinsed, own = _estimated(one, drives, prior, model, part(progress, 0, 2))
     refused = tuple(r for r in refusals(weighed, best_4dof.JUDGED_BY_CURVE) if r.name in wanted)
     check_one_car(one, drives, own)
     products = tuple(_products(one, drives, weighed, own))
@@ -142,6 +135,23 @@ def identify(
     if progress is not None:
         progress(1.0)
     return made
+
+
+def _estimated(
+    one: Identifier, drives: Sequence[Drive], prior: Array, model: ModelName, progress: Progress | None
+) -> tuple[Information, Rinsed, Weigh]:
+    """What the drives say of the parameters, by the method of the model; results as of `_by_likelihood`.
+
+    Raises `InputError` where the model cannot follow the drives.
+    """
+    method = _by_likelihood if MODELS[model].by_likelihood else _by_rinsing
+    try:
+        return method(one, drives, prior, progress)
+    except FloatingPointError as error:
+        raise InputError(
+            f"the model {model} cannot follow {', '.join(d.name for d in drives)}: {error}. Are units and signs of the "
+            "signals, wheel radii and mass of the vehicle file right?"
+        ) from None
 
 
 def _by_likelihood(

@@ -2,26 +2,59 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from typing import Protocol
 
+from vsense_ros.estimation.intake import Intake
 from vsense_ros.messages.diagnostic import Diagnostic, Level
-from vsense_ros.runner.placement import Place
-
-if TYPE_CHECKING:
-    from vsense_ros.runner.runner import Runner
+from vsense_ros.model.sensors import SensorBase
+from vsense_ros.runner.adapter import Adapter
+from vsense_ros.runner.guard import Guard
+from vsense_ros.runner.judge import Judges
+from vsense_ros.runner.placement import Place, Placement
+from vsense_ros.runner.resets import Resets
+from vsense_ros.runner.vote import Vote
 
 _NEWS = 5_000_000_000  # [ns] for which a reset is reported
 
 
-def lines(runner: Runner, now: int) -> list[Diagnostic]:
+class Diagnosed(Protocol):
+    """What a runner has that its diagnostics tell of."""
+
+    adapter: Adapter
+    sensors: dict[str, SensorBase]
+    names: tuple[str, ...]
+    intake: Intake
+    vote: Vote
+    judges: Judges
+    guard: Guard
+    resets: Resets
+    placement: Placement | None
+    started: bool
+    faults: int
+    restarts: int
+
+    @property
+    def stamp(self) -> int:
+        """Time of the newest state [ns]."""
+
+    @property
+    def heading_known(self) -> bool:
+        """True once the direction of the car on the map is known."""
+
+    @property
+    def converged(self) -> bool:
+        """True once the estimates are known well enough to be used."""
+
+
+def lines(runner: Diagnosed, now: int) -> list[Diagnostic]:
     """One line for the observer and one for each sensor; `now` [ns] on the clock of arrivals."""
     found = [_own_line(runner), *runner.adapter.diagnostics()]
-    for i, ((name, sensor), health) in enumerate(zip(runner.sensors.items(), runner.health, strict=True)):
+    for i, ((name, sensor), health) in enumerate(zip(runner.sensors.items(), runner.intake.health, strict=True)):
         found.append(_sensor_line(runner, i, health.diagnostic(name, sensor, now)))
     return found
 
 
-def _own_line(runner: Runner) -> Diagnostic:
+def _own_line(runner: Diagnosed) -> Diagnostic:
     """How far the filter has come, what it goes without, and what was reset."""
     values = {**runner.adapter.details, "faults": str(runner.faults), "restarts": str(runner.restarts)}
     if not runner.started:
@@ -50,7 +83,7 @@ def _own_line(runner: Runner) -> Diagnostic:
     return Diagnostic("observer", level, ", ".join([condition, *doubts]), values)
 
 
-def _sensor_line(runner: Runner, index: int, line: Diagnostic) -> Diagnostic:
+def _sensor_line(runner: Diagnosed, index: int, line: Diagnostic) -> Diagnostic:
     """The line of a sensor, with its axes that are not believed or absent."""
     axes = runner.vote.axes.get(index)
     if line.level == Level.STALE:
@@ -65,12 +98,12 @@ def _sensor_line(runner: Runner, index: int, line: Diagnostic) -> Diagnostic:
         return line
     absent = _absent(runner, index) if axes is None else axes.absent
     doubts = [f"without {', '.join(absent)}"] if absent else []
-    doubts += runner.intake.sensors[index].noisier_in_words(runner.health[index].noisier)
+    doubts += runner.intake.sensors[index].noisier_in_words(runner.intake.health[index].noisier)
     doubts += [doubt for doubt in (runner.adapter.doubt(line.name), *(j.doubt(index) for j in runner.judges)) if doubt]
     return Diagnostic(line.name, Level.WARN, ", ".join(["in use", *doubts]), line.values) if doubts else line
 
 
-def _absent(runner: Runner, index: int) -> list[str]:
+def _absent(runner: Diagnosed, index: int) -> list[str]:
     """Names of the components of a sensor that do not come any more."""
-    sensor = runner.intake.sensors[index]
-    return [sensor.components[one].words for one in runner.health[index].absent(sensor)] if sensor.components else []
+    sensor, health = runner.intake.sensors[index], runner.intake.health[index]
+    return [sensor.components[one].words for one in health.absent(sensor)] if sensor.components else []

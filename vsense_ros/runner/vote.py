@@ -283,11 +283,11 @@ class Vote:
     # A vote
 
     def due(self, now: int) -> bool:
-        """True if something is to be decided."""
-        return not self.wait and bool(self._frozen or self._jumped or self._is_time(now))
-
-    def _is_time(self, now: int) -> bool:
-        """True if there is an alarm, and it is time for a vote."""
+        """True if something is to be decided: an axis froze or jumped, or there is an alarm and it is time to vote."""
+        if self.wait:
+            return False
+        if self._frozen or self._jumped:
+            return True
         return (
             self._alarm is not None
             and self._heard > self._voted
