@@ -12,7 +12,7 @@ from scipy.optimize import fsolve
 from scipy.spatial.transform import Rotation
 
 from vsense_ros.model.car.kinematics import kinematics, motion_of, road_kinematics
-from vsense_ros.model.car.pose import angles, orientation_on_map, position_on_map
+from vsense_ros.model.car.pose import angles, orientation_on_map, position_on_map, tilt_on_map
 from vsense_ros.model.car.road import Road
 from vsense_ros.model.simulation.surface import Surface, Waves
 
@@ -110,7 +110,10 @@ def test_place_and_attitude_on_the_map_are_those_in_space(seed: int) -> None:
     symbolic = motion_of(*(ca.SX(x) for x in (q, np.zeros(14), np.zeros(14), road)), ca.SX.zeros(5))
 
     assert_allclose(Rotation.from_quat(orientation).as_matrix(), body, atol=1e-5)
-    assert_allclose(angles(orientation), Rotation.from_quat(orientation).as_euler("ZYX")[::-1], atol=1e-12)
+    roll_pitch_yaw = Rotation.from_quat(orientation).as_euler("ZYX")[::-1]
+    assert_allclose(angles(orientation), roll_pitch_yaw, atol=1e-12)
+    tilt = tilt_on_map(q[3], q[4], *road[:2].tolist())
+    assert tilt == pytest.approx(np.abs(roll_pitch_yaw[:2]).max(), abs=1e-9)
     assert_allclose(position_on_map(q, road), place, atol=1e-6)
     assert_allclose(np.asarray(ca.evalf(symbolic.attitude)), body, atol=1e-5)
     assert_allclose(np.asarray(ca.evalf(symbolic.position))[:, 0], place, atol=1e-6)

@@ -67,26 +67,23 @@ def lag_curve(one: Array, other: Array, longest: int, least: float = 2) -> LagCu
     shifts = np.arange(-longest, longest + 1)
     size = 1 << (max(len(one), len(other)) + longest).bit_length()
     known_one, known_other = np.isfinite(one), np.isfinite(other)
-    transformed = []
+    parts = np.zeros((2, 3, size))  # of each signal, where it is known, its values and their squares
     power = []
-    for values, known in ((one, known_one), (other, known_other)):
+    for part, values, known in ((parts[0], one, known_one), (parts[1], other, known_other)):
         mean = float(values[known].mean()) if known.any() else 0.0
         centred = np.where(known, values - mean, 0.0)
         power.append(float(centred @ centred) / max(int(known.sum()), 1))
-        transformed.append([np.fft.rfft(part, size) for part in (known.astype(float), centred, centred**2)])
-    (mask_one, a, a_square), (mask_other, b, b_square) = transformed
-
-    def sums(x: NDArray[np.complex128], y: NDArray[np.complex128]) -> Array:
-        return np.asarray(np.fft.irfft(x * np.conj(y), size)[shifts])
-
-    count = np.rint(sums(mask_one, mask_other))
+        part[:, : len(values)] = known, centred, centred**2
+    (mask_one, a, a_square), (mask_other, b, b_square) = np.fft.rfft(parts)
+    first, second = [mask_one, a, mask_one, a_square, mask_one, a], [mask_other, mask_other, b, mask_other, b_square, b]
+    sums = np.fft.irfft(np.array(first) * np.conj(second), size)[:, shifts]
+    count = np.rint(sums[0])
     count[count < least] = np.nan
-    mean_one, mean_other = sums(a, mask_other) / count, sums(mask_one, b) / count
-    variance_one = sums(a_square, mask_other) / count - mean_one**2
-    variance_other = sums(mask_one, b_square) / count - mean_other**2
+    mean_one, mean_other, square_one, square_other, of_both = sums[1:] / count
+    variance_one, variance_other = square_one - mean_one**2, square_other - mean_other**2
     variance_one[variance_one <= _NO_POWER * power[0]] = 0.0
     variance_other[variance_other <= _NO_POWER * power[1]] = 0.0
-    return LagCurve(shifts, count, variance_one, variance_other, sums(a, b) / count - mean_one * mean_other)
+    return LagCurve(shifts, count, variance_one, variance_other, of_both - mean_one * mean_other)
 
 
 @dataclass(frozen=True)

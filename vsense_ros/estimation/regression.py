@@ -44,14 +44,15 @@ def posterior(blocks: Sequence[tuple[Array, Array]], mean: Array, prior: Array) 
     before = np.diag(prior**-2.0)
     # A mean that is far off must not count as noise of the data: begin where these alone would have it.
     weak = np.diag((_WEAK * prior) ** -2.0) * max(float(np.mean(y**2)), 1e-18)
-    at = np.linalg.solve(x.T @ x + weak, x.T @ y + weak @ mean)
+    square, product, power = x.T @ x, x.T @ y, np.sum(x**2, axis=0)
+    of_blocks = np.array([one.T @ np.column_stack([one, value]) for one, value in blocks])
+    at = np.linalg.solve(square + weak, product + weak @ mean)
     few = len(blocks) / max(len(blocks) - x.shape[1], 0.5)
     for _ in range(4):  # the variance depends on the coefficients, and they hardly on it
         residuals = y - x @ at
         variance = max(float(np.mean(residuals**2)), 1e-18)
-        sums = np.array([one.T @ (value - one @ at) for one, value in blocks])
-        power = np.sum(x**2, axis=0)
+        sums = of_blocks[:, :, -1] - of_blocks[:, :, :-1] @ at
         effect = few * max(float(np.median(np.sum(sums**2, axis=0) / np.maximum(variance * power, 1e-300))), 1.0)
-        information = x.T @ x / (variance * effect) + before
-        at = np.linalg.solve(information, x.T @ y / (variance * effect) + before @ mean)
+        information = square / (variance * effect) + before
+        at = np.linalg.solve(information, product / (variance * effect) + before @ mean)
     return Posterior(at, np.linalg.inv(information), prior)

@@ -21,7 +21,9 @@ from collections import deque
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from math import degrees, hypot, isfinite
+from typing import Any
 
+import casadi as ca
 import numpy as np
 from numpy.typing import NDArray
 
@@ -287,15 +289,9 @@ def axle_slips(vehicle: Vehicle) -> tuple[Array, Array, Array]:
     speed, found = HANDLING.slope_speed, []
     angles = np.linspace(0.0, 0.3, 61)
     for axle, load in zip((vehicle.physics.front, vehicle.physics.rear), static_loads(vehicle), strict=True):
-        forces = [
-            -axle.tyre.forces(
-                TyreInput(
-                    load, speed, axle.cornering_scale * speed * np.tan(angle), speed, road.friction * axle.grip_scale
-                )
-            ).lateral
-            for angle in angles
-        ]
-        felt = np.array([float(force) for force in forces]) * GRAVITY / load
+        sideways: Any = ca.DM(axle.cornering_scale * speed * np.tan(angles))  # of all angles at once
+        contact = TyreInput(load, speed, sideways, speed, road.friction * axle.grip_scale)
+        felt = np.array(-axle.tyre.forces(contact).lateral).ravel() * GRAVITY / load
         rising = np.concatenate([[True], np.diff(np.maximum.accumulate(felt)) > 0])
         found.append(np.interp(accelerations, felt[rising], angles[rising]))
     return accelerations, found[0], found[1]

@@ -63,10 +63,10 @@ class ForceJudge(Judge):
         return sqrt(self._largest) if self._largest > unusual**2 else 0.0
 
     @property
-    def apart(self) -> Apart:
+    def apart(self) -> Apart | None:
         missing = self.missing
         if not missing:
-            return Apart()
+            return None
         speed = max(abs(self._adapter.forward_speed), FORCES.slowest)
         turned = missing / speed * (1.0 if self._gyro_out() else FORCES.drawn)
         return Apart(across=missing * self._slip * speed, yaw_rate=turned)

@@ -69,7 +69,7 @@ class Guard:
         self._good_stamp: int | None = None
         self._recoveries: deque[int] = deque(maxlen=GUARD.most_recoveries)
         self._started = self._looked = self._looks = self._same = self._steep = 0
-        self._changing = np.zeros(0)
+        self._changing = b""
         self.failures: list[tuple[int, str]] = []
 
     def begin(self, stamp: int) -> None:
@@ -113,9 +113,9 @@ class Guard:
                 f"the speed is only known to {vitals.speed_deviation:.3g} m/s, where "
                 f"{GUARD.largest_speed_deviation:g} m/s is the limit"
             )
-        same = np.array_equal(vitals.changing, self._changing, equal_nan=True)
+        before, self._changing = self._changing, vitals.changing.tobytes()
+        same = before == self._changing
         self._same = self._same + 1 if same and abs(vitals.speed) > GUARD.moving else 0
-        self._changing = vitals.changing.copy()
         if self._same >= GUARD.looks_until_frozen:
             return f"forces have not changed for {self._same * GUARD.between_looks:.1f} s at {vitals.speed:.1f} m/s"
         if self._looks % GUARD.looks_between_covariances == 0 and not is_covariance(self._filter.belief().covariance):
@@ -153,4 +153,9 @@ def is_covariance(covariance: Array) -> bool:
         return False
     some = deviation > 0
     correlation = covariance[np.ix_(some, some)] / np.outer(deviation[some], deviation[some])
-    return bool(np.linalg.eigvalsh(correlation)[0] >= GUARD.least_eigenvalue)
+    correlation[np.diag_indices_from(correlation)] -= GUARD.least_eigenvalue
+    try:
+        np.linalg.cholesky(correlation)
+    except np.linalg.LinAlgError:
+        return False
+    return True

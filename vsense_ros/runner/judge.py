@@ -60,9 +60,10 @@ class Judge(ABC):
         return frozenset()
 
     @property
-    def apart(self) -> Apart:
-        """How far apart the motions are that sensors measure, while it is not decided which of them are right."""
-        return Apart()
+    def apart(self) -> Apart | None:
+        """How far apart the motions are that sensors measure, while it is not decided which of them are right; None
+        where nothing is undecided."""
+        return None
 
     def doubt(self, index: int) -> str:
         """What is doubtful about a sensor that is in use, in words; empty for nothing."""
@@ -98,6 +99,7 @@ class Judges:
         self._listeners = {
             i: tuple(judge.hear for judge in self._judges if i in judge.hears) for i in range(len(sensors))
         }
+        self._before = tuple(judge.before for judge in self._judges if type(judge).before is not Judge.before)
         self._settled = 0
         self._begin_block(0)
 
@@ -123,10 +125,10 @@ class Judges:
         return frozenset().union(*(judge.spares for judge in self._judges))
 
     @property
-    def apart(self) -> Apart:
-        """The widest of what is undecided for any of them."""
-        widest = zip(*(judge.apart for judge in self._judges), strict=True)
-        return Apart(*map(max, widest)) if self._judges else Apart()
+    def apart(self) -> Apart | None:
+        """The widest of what is undecided for any of them; None for nothing."""
+        undecided = [apart for judge in self._judges if (apart := judge.apart) is not None]
+        return Apart(*map(max, zip(*undecided, strict=True))) if undecided else None
 
     def forget(self, stamp: int) -> None:
         """The filter begins anew, at a time [ns]."""
@@ -159,8 +161,8 @@ class Judges:
 
     def before(self, timeline: Timeline, event: Event) -> None:
         """Let all judges do what is to be done before the filter has a message."""
-        for judge in self._judges:
-            judge.before(timeline, event)
+        for before in self._before:
+            before(timeline, event)
 
     def settle(self, timeline: Timeline) -> bool:
         """Let all judges do what follows, if it is time; True if they did."""

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from math import sqrt
 from typing import Any
 
 import numpy as np
@@ -14,7 +15,8 @@ from vsense_ros.estimation.intake import Intake
 from vsense_ros.estimation.timeline import Channel, Event, Timeline
 from vsense_ros.messages.diagnostic import Diagnostic, Level
 from vsense_ros.messages.recording import Sample
-from vsense_ros.model.coordinates import SPIN, STEERING_OFFSET, YAW, X, Y
+from vsense_ros.model.car.pose import tilt_on_map
+from vsense_ros.model.coordinates import PITCH, ROLL, SPIN, STEERING_OFFSET, YAW, X, Y
 from vsense_ros.model.sensors import SensorBase
 from vsense_ros.model.vehicle import Vehicle, left_out_of_observer
 from vsense_ros.observer.alignment import Alignment
@@ -262,12 +264,13 @@ class CarAdapter(Adapter):
             snapshot.undecided[element] = deviation**2
 
     def vitals(self, snapshot: Estimate) -> Vitals:
-        with np.errstate(invalid="ignore"):  # a road that is steeper than any leaves no attitude
-            tilt = float(np.abs(np.nan_to_num(snapshot.attitude[:2], nan=np.pi)).max())
-        deviation = float(np.sqrt(max(snapshot.variance[FORWARD], 0.0)))
-        steepness = float((np.abs(snapshot.state[SLOPES]) / self._steepest).max())
+        state = snapshot.state
+        roll, pitch, (grade, bank) = state.item(ROLL), state.item(PITCH), state[SLOPES].tolist()
+        deviation = sqrt(max(snapshot.covariance.item(FORWARD, FORWARD), 0.0))
+        steepness = float((np.abs(state[SLOPES]) / self._steepest).max())
         changing = np.concatenate([snapshot.udot, snapshot.model_wheels.ravel()])
-        return Vitals(tilt, steepness, float(snapshot.velocity[0]), deviation, changing)
+        tilt = tilt_on_map(roll, pitch, grade, bank)
+        return Vitals(tilt, steepness, state.item(FORWARD), deviation, changing)
 
     def aged(self, seconds: float) -> None:
         mean, deviation = self.car.mean, np.sqrt(self.filter.belief().covariance.diagonal())

@@ -48,9 +48,9 @@ class OutageJudge(Judge):
         self._unmeasured = 0.0  # [s] of it without wheels
 
     @property
-    def apart(self) -> Apart:
+    def apart(self) -> Apart | None:
         if self._time < OUTAGE.begins:
-            return Apart()
+            return None
         ahead, heading = OUTAGE.acceleration * self._unmeasured, OUTAGE.scale * abs(self._turned)
         return Apart(ahead, place=ahead * self._unmeasured / 2 + heading * self._way / 2, heading=heading)
 

@@ -9,21 +9,19 @@ position that is far off is not believed because others were.
 
 from __future__ import annotations
 
-from bisect import insort
+from bisect import bisect_left, insort
 from collections import deque
 from dataclasses import dataclass
 from math import cos, sin
+from operator import itemgetter
 
 import numpy as np
-from numpy.typing import NDArray
 
 from vsense_ros.checks.noise import white_noise
 from vsense_ros.estimation.timeline import Event, Timeline
 from vsense_ros.model.sensors import place_of
 from vsense_ros.runner.adapter import Adapter, Apart
 from vsense_ros.runner.judge import Judge
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)
@@ -60,8 +58,8 @@ class ReceiverJudge(Judge):
         self.noise = 0.0  # [m] of the positions, where it is more than they state
 
     @property
-    def apart(self) -> Apart:
-        return Apart(place=self.noise)
+    def apart(self) -> Apart | None:
+        return Apart(place=self.noise) if self.noise else None
 
     @property
     def doubts(self) -> list[str]:
@@ -80,8 +78,8 @@ class ReceiverJudge(Judge):
     def hear(self, event: Event) -> None:
         if len(self._way) < 2 or event.stamp < self._way[0][0]:
             return
-        east, north = (event.value - self._gone(event.stamp)).tolist()
-        insort(self._beside, (event.stamp, east, north))
+        (east, north, *_), gone = event.value.tolist(), self._gone(event.stamp)
+        insort(self._beside, (event.stamp, east - gone[0], north - gone[1]))
         del self._beside[: -RECEIVER.newest]
         self._heard += 1
         if self._heard >= RECEIVER.anew and len(self._beside) >= RECEIVER.least:
@@ -89,12 +87,13 @@ class ReceiverJudge(Judge):
             noise = max(white_noise(axis) for axis in np.array(self._beside).T[1:])
             self.noise = noise if noise > RECEIVER.noisier * self._stated else 0.0
 
-    def _gone(self, stamp: int) -> Array:
-        """East and north of the way (2,) at a time [ns], straight on after its end."""
-        times, east, north = np.array(self._way).T
-        after = int(np.clip(np.searchsorted(times, stamp), 1, len(times) - 1))
-        share = (stamp - times[after - 1]) / max(times[after] - times[after - 1], 1.0)
-        return np.array([axis[after - 1] + share * (axis[after] - axis[after - 1]) for axis in (east, north)])
+    def _gone(self, stamp: int) -> tuple[float, float]:
+        """East and north of the way at a time [ns], straight on after its end."""
+        after = min(max(bisect_left(self._way, stamp, key=itemgetter(0)), 1), len(self._way) - 1)
+        (begin, *here), (end, *there) = self._way[after - 1], self._way[after]
+        share = (stamp - begin) / max(end - begin, 1)
+        east, north = (one + share * (other - one) for one, other in zip(here, there, strict=True))
+        return east, north
 
     def settle(self, timeline: Timeline) -> None:
         """Nothing follows."""

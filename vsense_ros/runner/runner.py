@@ -436,7 +436,7 @@ class Runner:
         if self.started:
             self.adapter.watch(newest, lambda: self.converged)
             apart = self.judges.apart
-            if any(apart):
+            if apart is not None:
                 self.adapter.widen_published(newest, apart)
         return newest
 

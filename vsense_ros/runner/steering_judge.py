@@ -78,9 +78,9 @@ class SteeringJudge(Judge):
         return ["gyro and steering contradict each other"] if self._undecided else []
 
     @property
-    def apart(self) -> Apart:
+    def apart(self) -> Apart | None:
         if not self._undecided:
-            return Apart()
+            return None
         turned = self._witnesses.contradiction * abs(self._adapter.forward_speed)
         return Apart(across=turned, yaw_rate=self._witnesses.apart_by)
 

@@ -50,8 +50,8 @@ class TravelJudge(Judge):
         return [f"wheels, velocity and position are apart by {self.witnesses.apart_by:.1f} m/s"]
 
     @property
-    def apart(self) -> Apart:
-        return self._apart_by() if self._undecided else Apart()
+    def apart(self) -> Apart | None:
+        return self._apart_by() if self._undecided else None
 
     def _apart_by(self) -> Apart:
         """How far the estimated velocity may be from the actual one, where one of them is wrong."""

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from math import asin, atan2, cos, sin, sqrt
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -25,6 +27,20 @@ def orientation_on_map(q: Array, disturbances: Array) -> Array:
     grade = disturbances[..., GRADE]
     road = quaternion(leaning(grade, disturbances[..., BANK]), -grade, q[..., YAW])
     return product(road, quaternion(q[..., ROLL], q[..., PITCH], 0.0 * grade))
+
+
+def tilt_on_map(roll: float, pitch: float, grade: float, bank: float) -> float:
+    """The larger of roll and pitch of the body on the map [rad], of its angles over the road and the road's own: as
+    `angles(orientation_on_map(…))` has them, for one car in a fraction of the time.
+
+    The upward direction of the map in the axes of the body is all that either depends on.
+    """
+    along, across = sin(grade), sin(bank)
+    upward = sqrt(max(1 - along**2 - across**2, 0.0))
+    ahead = along * cos(pitch) - upward * sin(pitch)
+    up = along * sin(pitch) + upward * cos(pitch)
+    left, up = across * cos(roll) + up * sin(roll), up * cos(roll) - across * sin(roll)
+    return max(abs(atan2(left, up)), asin(min(abs(ahead), 1.0)))
 
 
 def leaning(grade: Array | float, bank: Array | float) -> Array:
