@@ -78,3 +78,22 @@ def test_the_equations_of_a_corner_stand_in_the_export_once() -> None:
     straight = c_function(linearize, results)
     assert looped.count(";") < 0.5 * straight.count(";")
     assert "placement" not in looped
+
+
+@needs_compiler
+def test_products_of_few_rows_and_of_nothing_are_those_of_casadi(tmp_path: Path) -> None:
+    """Of one row and of three, begun with zeros and with numbers; and a matrix of zeros that another function gets."""
+    a, b, c = ca.MX.sym("a", 1, 5), ca.MX.sym("b", 5, 3), ca.MX.sym("c", 3, 3)
+    x, y = ca.SX.sym("x", 1, 3), ca.SX.sym("y", 1, 3)
+    around = ca.Function("around", [x, y], [2 * x + y, ca.SX(0, 1)])
+    doubled = around(ca.mac(a, b, ca.MX.zeros(1, 3)), ca.MX.zeros(1, 3))[0]
+    function = ca.Function("f", [a, b, c], [ca.mac(doubled, c, doubled), ca.mac(c, c, c)], ["a", "b", "c"], ["r", "s"])
+    source = c_function(function, ["r", "s"], "f")
+    assert source.count("double sum") == 3, "products are loops"
+    library = compiled(source, tmp_path)
+    given = [np.random.default_rng(1).normal(size=matrix.shape) for matrix in (a, b, c)]
+    expected = [np.asarray(value) for value in function(*given)]
+    arrays = [np.asfortranarray(value) for value in (*given, *map(np.zeros_like, expected))]
+    library.f(*(array.ctypes.data_as(ctypes.c_void_p) for array in arrays))
+    for mine, other in zip(arrays[3:], expected, strict=True):
+        np.testing.assert_allclose(mine, other, rtol=1e-12)

@@ -15,9 +15,9 @@ import casadi as ca
 from vsense_ros import codegen
 from vsense_ros.codegen import native
 from vsense_ros.codegen.corner_loops import CornerLoops
-from vsense_ros.codegen.forms import SCALAR
+from vsense_ros.codegen.forms import SCALAR, zeros
 from vsense_ros.codegen.instructions import Instruction, MatrixPrinter, instructions, multiplies
-from vsense_ros.codegen.side_by_side import CORNERS, Packing, packed
+from vsense_ros.codegen.side_by_side import Packing, packed
 from vsense_ros.codegen.values import values_of
 
 # Floating-point numbers are not compared by == and !=, as coding standards ask. NaN differs from all, as by these. What
@@ -64,7 +64,7 @@ def c_function(
     that C's library lacks.
     """
     operations = {one.operation for one in instructions(function)}
-    if ca.OP_MTIMES in operations and multiplies(function, CORNERS):
+    if ca.OP_MTIMES in operations and multiplies(function, 1):
         return _matrices(function, results, name or function.name(), corners)
     return _scalars(function, results, name or function.name(), corners)
 
@@ -79,6 +79,7 @@ def _scalars(function: ca.Function, results: Sequence[str], name: str, corners: 
     text = CornerLoops(packing, arguments, results, _form)
     body = text.statements()
     unused = [f"(void){word};" for i, word in enumerate(arguments) if i not in text.read and i not in known]
+    unused += [f"(void){word};" for i, word in enumerate(results) if not plain.nnz_out(i)]
     return _written(function, results, name, [*unused, *body], known)
 
 
@@ -141,7 +142,7 @@ class _Matrices(MatrixPrinter):
         called, name = instruction.matrix.which_function(), f"{self._name}_{instruction.position}"
         outs = [called.name_out(k) for k in range(called.n_out())]
         self.before.append(c_function(called, outs, name, self._corners))
-        given = [argument or "0" for argument in arguments if argument != _KNOWN]
+        given = [argument or zeros(called.nnz_in(k)) for k, argument in enumerate(arguments) if argument != _KNOWN]
         return [
             *(f"double {result}[{max(called.nnz_out(k), 1)}];" for k, result in enumerate(results)),
             f"{name}({', '.join([*given, *results])});",
@@ -151,13 +152,25 @@ class _Matrices(MatrixPrinter):
         """Column by column, in plain loops."""
         rows, columns = matrix.shape
         sparsity = matrix.dep(2).sparsity()
+        first = f"{begin}[{rows} * j + i]" if begin else "0"
+        if sparsity.is_dense():
+            terms = sparsity.size1()
+            return [
+                f"double {name}[{rows * columns}];",
+                f"for (int j = 0; j < {columns}; j++)",
+                f"for (int i = 0; i < {rows}; i++) {{",
+                f"double sum = {first};",
+                f"for (int k = 0; k < {terms}; k++) sum += {left}[{rows} * k + i] * {right}[{terms} * j + k];",
+                f"{name}[{rows} * j + i] = sum;",
+                "}",
+            ]
         return [
             f"static const short {name}_ends[] = {{{', '.join(map(str, sparsity.colind()))}}};",
             f"static const short {name}_rows[] = {{{', '.join(map(str, sparsity.row()))}}};",
             f"double {name}[{rows * columns}];",
             f"for (int j = 0; j < {columns}; j++) {{",
             f"double sum[{rows}];",
-            f"for (int i = 0; i < {rows}; i++) sum[i] = {f'{begin}[{rows} * j + i]' if begin else '0'};",
+            f"for (int i = 0; i < {rows}; i++) sum[i] = {first};",
             f"for (int k = {name}_ends[j]; k < {name}_ends[j + 1]; k++)",
             f"    for (int i = 0; i < {rows}; i++) sum[i] += {left}[{rows} * {name}_rows[k] + i] * {right}[k];",
             f"for (int i = 0; i < {rows}; i++) {name}[{rows} * j + i] = sum[i];",

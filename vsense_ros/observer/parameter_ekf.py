@@ -9,8 +9,8 @@ from vsense_ros import codegen
 from vsense_ros.model.car.steps import sensitivity_function
 from vsense_ros.model.coordinates import COORDINATES, DISTURBANCES
 from vsense_ros.model.sensors import SensorBase
-from vsense_ros.observer.parameter_filter import ParameterFilter, numbered
-from vsense_ros.observer.state import DISTURB, Q, U
+from vsense_ros.observer.parameter_filter import ParameterFilter, function, numbered, product
+from vsense_ros.observer.state import DISTURB, DYNAMIC, FORCE, Q, U
 
 
 class ParameterEkf(ParameterFilter):
@@ -26,19 +26,30 @@ class ParameterEkf(ParameterFilter):
         return codegen.function("parameters_effect", self.arguments, [effect], numbered(len(self.arguments)))
 
     def spread(self, sensor: SensorBase, biases: slice) -> ca.Function:
-        m, k, s = len(sensor.deviations()), self.count, self.sensitivity
-        effect = ca.SX.sym("effect", COORDINATES, k)
-        bias, mounting = ca.SX.sym("biases", len(sensor.biases())), ca.SX.sym("mounting", len(sensor.mounting()))
-        by_q, by_u, by_udot = (ca.SX.sym(name, m, COORDINATES) for name in ("by_q", "by_u", "by_udot"))
-        by_disturbances, by_biases = ca.SX.sym("by_disturbances", m, len(DISTURBANCES)), ca.SX.sym("by_biases", m)
-        innovation = by_q @ s[Q, :] + by_u @ s[U, :] + by_disturbances @ s[DISTURB, :]
+        m, k = len(sensor.deviations()), self.count
+        arguments = [ca.MX.sym("a", *a.shape) for a in self.arguments]
+        effect = ca.MX.sym("effect", COORDINATES, k)
+        bias, mounting = ca.MX.sym("biases", len(sensor.biases())), ca.MX.sym("mounting", len(sensor.mounting()))
+        by = [ca.MX.sym("by", m, columns) for columns in (COORDINATES,) * 3 + (len(DISTURBANCES), 1)]
+        of_q, of_u, around, dynamic, direct, of_biases = self._apart(biases)(arguments[10], effect)
+        innovation = product(by[0], of_q, product(by[1], of_u, product(by[3], around)))
         if sensor.uses_acceleration:
-            innovation += by_udot @ (self.through(s) + effect)
-        if biases.stop > biases.start:
-            innovation += ca.repmat(by_biases, 1, k) * s[biases, :]
-        root = ca.chol(self.covariance).T
-        return ca.Function(
-            "spread",
-            [*self.arguments, effect, bias, mounting, by_q, by_u, by_udot, by_disturbances, by_biases],
-            [ca.densify(innovation @ root), ca.densify(root)],
-        )
+            innovation = product(by[2], self.through(arguments, dynamic, of_u, around, direct), innovation)
+        results = self._rooted(m, of_biases.shape)(innovation, by[4], of_biases, arguments[11])
+        return ca.Function("spread", [*arguments, effect, bias, mounting, *by], list(results))
+
+    def _apart(self, biases: slice) -> ca.Function:
+        """(S, effect) → S of coordinates, velocities, disturbances, dynamic coordinates, that of accelerations with the
+        effect, and that of a sensor's biases."""
+        s, effect = self.sensitivity, ca.SX.sym("effect", COORDINATES, self.count)
+        own = s[biases, :]
+        results = [s[Q, :], s[U, :], s[DISTURB, :], s[DYNAMIC.tolist(), :], s[FORCE, :] + effect, own]
+        return function("apart", [s, effect], results)
+
+    def _rooted(self, m: int, of_biases: tuple[int, int]) -> ca.Function:
+        """(what parameters do to the measurement without biases (m×k), derivatives by biases (m), S of these, M) → what
+        a standard deviation does (m×k), root of M."""
+        told, own = ca.SX.sym("told", m, self.count), ca.SX.sym("own", *of_biases)
+        by_biases, root = ca.SX.sym("by_biases", m), ca.chol(self.covariance).T
+        whole = told + ca.repmat(by_biases, 1, self.count) * own if own.numel() else told
+        return function("rooted", [told, by_biases, own, self.covariance], [whole @ root, root])

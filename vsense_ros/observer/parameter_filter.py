@@ -89,14 +89,11 @@ class ParameterFilter(ABC):
         """(arguments, effect, biases, mounting, Jacobians of the sensor by q, u, udot, disturbances, and of its
         components by their own biases) → Y (m×p), D (k×p)."""
 
-    def through(self, by: ca.SX) -> ca.SX:
-        """What errors of the state (n×k) do to the accelerations (14×k)."""
-        return (
-            self.by_q @ by[DYNAMIC.tolist(), :]
-            + self.by_u @ by[U, :]
-            + by[FORCE, :]
-            + self.by_disturbances @ by[DISTURB, :]
-        )
+    def through(self, arguments: Sequence[ca.MX], dynamic: ca.MX, u: ca.MX, around: ca.MX, direct: ca.MX) -> ca.MX:
+        """What errors of dynamic coordinates, velocities and disturbances do to the accelerations (14×k), beside what
+        changes them directly; by the linearisation in `arguments`."""
+        by_q, by_u, by_disturbances = arguments[7:10]
+        return product(by_q, dynamic, product(by_u, u, product(by_disturbances, around, direct)))
 
     def predict(self) -> ca.Function:
         """(S, M, effect, drift, gain, by_angles, by_velocity, by_road, road_map, h, decay) → S, M, and columns (n×k)
@@ -107,75 +104,110 @@ class ParameterFilter(ABC):
         gains, and leaves it to the state: S ← S̄ M M₊⁻¹, P ← P + S̄ (M - M M₊⁻¹ M) S̄ᵀ with M₊ = M + Q (Hsieh & Chen
         1999).
         """
-        n, k = self.size, self.count
-        s, m = self.sensitivity, self.covariance
-        effect, drift = ca.SX.sym("effect", COORDINATES, k), ca.SX.sym("drift", k)
-        transposed = ca.SX.sym("gain", len(GAIN_COLUMNS), COORDINATES)
+        s, m = (_like(symbol) for symbol in (self.sensitivity, self.covariance))
+        effect, drift = ca.MX.sym("effect", COORDINATES, self.count), ca.MX.sym("drift", self.count)
+        transposed = ca.MX.sym("gain", len(GAIN_COLUMNS), COORDINATES)
         by = by_angles, by_velocity, by_road = [
-            ca.SX.sym(name, 6, size) for name, size in (("by_angles", 3), ("by_velocity", 6), ("by_road", 4))
+            ca.MX.sym(name, 6, size) for name, size in (("by_angles", 3), ("by_velocity", 6), ("by_road", 4))
         ]
-        road_map = ca.SX.sym("road_map", len(FOLLOWED), ROAD.stop)
-        h, decay = ca.SX.sym("h"), ca.SX.sym("decay", n - U.stop)
-        forces = slice(len(DYNAMIC) + COORDINATES, len(DYNAMIC) + 2 * COORDINATES)
-        velocities = transposed.T @ s[GAIN_COLUMNS.tolist(), :] + transposed[forces, :].T @ effect
-        body = by_angles @ s[3:6, :] + by_velocity @ velocities[:6, :] + by_road @ s[FORM, :]
-        coordinates = s[Q, :] + h * ca.vertcat(body, velocities[6:, :])
-        slow = ca.repmat(decay, 1, k) * s[U.stop :, :]
-        road = road_map.T @ ca.vertcat(velocities[:6, :], s[FORM, :])
-        road[-1, :] += s[ROAD_STATES.stop - 1, :]
-        here = slice(ROAD_STATES.start - U.stop, ROAD_STATES.stop - U.stop)
-        slow[here, :] = ca.repmat(decay[here], 1, k) * road
-        moved = ca.vertcat(coordinates, velocities, slow)
-        grown = m + h * ca.diag(drift)
-        kept = _solve(grown, m)
-        lost = m - m @ kept
+        road_map = ca.MX.sym("road_map", len(FOLLOWED), ROAD.stop)
+        h, decay = ca.MX.sym("h"), ca.MX.sym("decay", self.size - U.stop)
+        velocities = product(self._driving()(s, effect), transposed)
+        turned, twist, form, followed = self._following()(s, velocities)
+        body = product(by_angles, turned, product(by_velocity, twist, product(by_road, form)))
+        road = product(followed, road_map)
+        moved, grown, kept, root = self._moved()(s, m, drift, velocities, body, road, h, decay)
         return codegen.function(
             "parameters_predict",
             [s, m, effect, drift, transposed, *by, road_map, h, decay],
-            [moved @ kept.T, grown, moved @ _root((lost + lost.T) / 2)],
+            [product(moved, kept), grown, product(moved, root)],
             ("S", "M", "effect", "drift", "gain", "by_angles", "by_velocity", "by_road", "road_map", "h", "decay"),
         )
+
+    def _driving(self) -> ca.Function:
+        """(S, effect) → errors that those of the velocities depend on after a step (k×42)."""
+        effect = ca.SX.sym("effect", COORDINATES, self.count)
+        errors = self.sensitivity[GAIN_COLUMNS.tolist(), :]
+        errors[len(DYNAMIC) + COORDINATES : len(DYNAMIC) + 2 * COORDINATES, :] += effect
+        return function("driving", [self.sensitivity, effect], [errors.T])
+
+    def _following(self) -> ca.Function:
+        """(S, errors of the velocities after a step (k×14)) → errors of the attitude (3×k), of the body's velocities
+        (6×k) and of the road's form (4×k), and the last two together (k×10)."""
+        velocities = ca.SX.sym("velocities", self.count, COORDINATES)
+        turned, twist, form = self.sensitivity[3:6, :], velocities[:, :6].T, self.sensitivity[FORM, :]
+        results = [turned, twist, form, ca.vertcat(twist, form).T]
+        return function("following", [self.sensitivity, velocities], results)
+
+    def _moved(self) -> ca.Function:
+        """(S, M, drift, errors of the velocities (k×14), of the pose's rates (6×k) and of the road (k×5), h, decay) → S
+        before parameters drift, M, what remains of S, transposed (k×k), and columns of what the state gets (k×k)."""
+        n, k = self.size, self.count
+        s, m = self.sensitivity, self.covariance
+        velocities, body = ca.SX.sym("velocities", k, COORDINATES), ca.SX.sym("body", 6, k)
+        road, drift = ca.SX.sym("road", k, ROAD.stop), ca.SX.sym("drift", k)
+        h, decay = ca.SX.sym("h"), ca.SX.sym("decay", n - U.stop)
+        coordinates = s[Q, :] + h * ca.vertcat(body, velocities[:, 6:].T)
+        slow = ca.repmat(decay, 1, k) * s[U.stop :, :]
+        surface = road.T
+        surface[-1, :] += s[ROAD_STATES.stop - 1, :]
+        here = slice(ROAD_STATES.start - U.stop, ROAD_STATES.stop - U.stop)
+        slow[here, :] = ca.repmat(decay[here], 1, k) * surface
+        grown = m + h * ca.diag(drift)
+        kept = _solve(grown, m)
+        lost = m - m @ kept
+        results = [ca.vertcat(coordinates, velocities.T, slow), grown, kept.T, _root((lost + lost.T) / 2)]
+        return function("moved", [s, m, drift, velocities, body, road, h, decay], results)
 
     def seen(self, name: str, sensor: SensorBase, biases: slice) -> ca.Function:
         """(arguments, effect, biases, mounting, variance, L⁻¹ r, L transposed, Jacobians of the sensor) → Yᵀ R⁻¹ H
         (p×n), Yᵀ C⁻¹ Y (p×p), Yᵀ C⁻¹ r (p), D (k×p); components of L⁻¹ r that are NaN are left out."""
-        m, p = len(sensor.deviations()), self.width
+        m = len(sensor.deviations())
+        arguments = [_like(a) for a in self.arguments]
+        effect, bias, mounting, variance, whitened, factor, *by = (ca.MX.sym(name, *shape) for name, shape in (
+            ("effect", (COORDINATES, self.count)), ("biases", (len(sensor.biases()), 1)),
+            ("mounting", (len(sensor.mounting()), 1)), ("variance", (m, 1)), ("whitened", (m, 1)), ("factor", (m, m)),
+            *((f"by_{i}", (m, columns)) for i, columns in enumerate((COORDINATES,) * 3 + (len(DISTURBANCES), 1))),
+        ))  # fmt: skip
+        y, d = self.spread(sensor, biases)(*arguments, effect, bias, mounting, *by)
+        weighted, *found = self._weighed(m)(variance, whitened, factor, y)
+        by_q, by_u, by_disturbances = (product(weighted, by[i]) for i in (0, 1, 3))
+        if sensor.uses_acceleration:
+            forces = product(weighted, by[2])
+            dynamic = product(forces, arguments[7])
+            by_u, by_disturbances = product(forces, arguments[8], by_u), product(forces, arguments[9], by_disturbances)
+        else:
+            forces, dynamic = (ca.MX.zeros(self.width, columns) for columns in (COORDINATES, len(DYNAMIC)))
+        across = self._across(m, biases)(by_q, by_u, by_disturbances, forces, dynamic, weighted, by[4])
+        given = [*arguments, effect, bias, mounting, variance, whitened, factor, *by]
+        return codegen.function(name, given, [across, *found, d], numbered(len(given)))
+
+    def _weighed(self, m: int) -> ca.Function:
+        """(variance (m), L⁻¹ r, L transposed, Y) → Yᵀ R⁻¹ (p×m), Yᵀ C⁻¹ Y, Yᵀ C⁻¹ r."""
+        p = self.width
         variance, whitened = (ca.SX.sym(s, m) for s in ("variance", "whitened"))
-        transposed = ca.SX.sym("factor", m, m)
-        sizes = {"by_q": 14, "by_u": 14, "by_udot": 14, "by_disturbances": len(DISTURBANCES), "by_biases": 1}
-        by = [ca.SX.sym(name, m, columns) for name, columns in sizes.items()]
-        y = ca.SX.sym("Y", m, p)
+        transposed, y = ca.SX.sym("factor", m, m), ca.SX.sym("Y", m, p)
         present = ca.fabs(whitened) < np.inf  # false for NaN
         weighted = ca.repmat(ca.if_else(present, 1 / variance, 0), 1, p) * y
         columns = ca.solve(ca.tril(transposed.T), ca.repmat(ca.if_else(present, 1, 0), 1, p) * y)
         innovation = ca.if_else(present, whitened, 0)
-        v = ca.SX.zeros(self.size, p)
-        v[Q, :], v[U, :], v[DISTURB, :] = by[0].T @ weighted, by[1].T @ weighted, by[3].T @ weighted
-        if sensor.uses_acceleration:
-            accelerations = by[2].T @ weighted
-            v[DYNAMIC.tolist(), :] += self.by_q.T @ accelerations
-            v[U, :] += self.by_u.T @ accelerations
-            v[FORCE, :] = accelerations
-            v[DISTURB, :] += self.by_disturbances.T @ accelerations
+        results = [weighted.T, columns.T @ columns, columns.T @ innovation]
+        return function("weighed", [variance, whitened, transposed, y], results)
+
+    def _across(self, m: int, biases: slice) -> ca.Function:
+        """(Yᵀ R⁻¹ times what a measurement changes by with coordinates, velocities, disturbances, accelerations, and
+        through these with dynamic coordinates; Yᵀ R⁻¹; derivatives by biases) → Yᵀ R⁻¹ H (p×n)."""
+        p = self.width
+        sizes = (COORDINATES, COORDINATES, len(DISTURBANCES), COORDINATES, len(DYNAMIC), m)
+        parts = [ca.SX.sym("part", p, columns) for columns in sizes]
+        by_q, by_u, by_disturbances, forces, dynamic, weighted = parts
+        by_biases = ca.SX.sym("by_biases", m)
+        v = ca.SX.zeros(p, self.size)
+        v[:, Q], v[:, U], v[:, FORCE], v[:, DISTURB] = by_q, by_u, forces, by_disturbances
+        v[:, DYNAMIC.tolist()] += dynamic
         if biases.stop > biases.start:
-            v[biases, :] = ca.repmat(by[4], 1, p) * weighted
-        model = [self.by_q, self.by_u, self.by_disturbances]
-        weigh = ca.Function(
-            "weigh",
-            [*model, variance, whitened, transposed, *by, y],
-            [v.T, columns.T @ columns, columns.T @ innovation],
-        )
-        arguments = [_like(a) for a in self.arguments]
-        effect, bias, mounting = (ca.MX.sym("", *shape) for shape in (
-            (COORDINATES, self.count), (len(sensor.biases()), 1), (len(sensor.mounting()), 1),
-        ))  # fmt: skip
-        measured = [_like(a) for a in (variance, whitened, transposed)]
-        sensed = [_like(a) for a in by]
-        spread, d = self.spread(sensor, biases)(*arguments, effect, bias, mounting, *sensed)
-        found = weigh(*arguments[7:10], *measured, *sensed, spread)
-        return codegen.function(
-            name, [*arguments, effect, bias, mounting, *measured, *sensed], [*found, d], numbered(len(arguments) + 11)
-        )
+            v[:, biases] = ca.repmat(by_biases.T, p, 1) * weighted
+        return function("across", [*parts, by_biases], [v])
 
     def learn(self) -> ca.Function:
         """(arguments, effect, Yᵀ R⁻¹ H times P, Yᵀ C⁻¹ Y, Yᵀ C⁻¹ r, D, information, θ, bounds) → θ, M, S, information,
@@ -185,26 +217,54 @@ class ParameterFilter(ABC):
         measurements so far determine of the parameters whatever state and forces were.
         """
         n, k, p = self.size, self.count, self.width
-        effect, pv = ca.SX.sym("effect", COORDINATES, k), ca.SX.sym("PV", p, n)
+        arguments = [_like(a) for a in self.arguments]
+        shapes = ((COORDINATES, k), (p, n), (p, p), (p, 1), (k, p), (k, k), (k, 1), (k, 1), (k, 1))
+        given = [ca.MX.sym("a", *shape) for shape in shapes]
+        effect, pv, *found = given
+        sensitivity, covariance = arguments[10:12]
+        new, corrected, regression, information, difference = self._corrected()(covariance, *found)
+        moved, change, *errors = self._changed()(sensitivity, product(regression, pv), effect, difference)
+        udot = self.through(arguments, *errors)
+        results = [new, corrected, moved, information, change, udot]
+        return codegen.function("parameters_learn", [*arguments, *given], results, numbered(len(arguments) + 9))
+
+    def _corrected(self) -> ca.Function:
+        """(M, Yᵀ C⁻¹ Y, Yᵀ C⁻¹ r, D, information, θ, bounds) → θ, M, minus the transpose of what Y times is T (k×p),
+        information, change of θ."""
+        k, p, m = self.count, self.width, self.covariance
         g, right, d = ca.SX.sym("G", p, p), ca.SX.sym("g", p), ca.SX.sym("D", k, p)
         information = ca.SX.sym("J", k, k)
         theta, lower, upper = ca.SX.sym("theta", k), ca.SX.sym("lower", k), ca.SX.sym("upper", k)
-        s, m = self.sensitivity, self.covariance
         displaced = right + self.displacement * g[:, 0]
         factor = ca.chol(ca.SX.eye(p) + g)  # upper triangular R with Rᵀ R
         half = ca.solve(factor.T, d.T)
         new = theta + half.T @ ca.solve(factor.T, displaced)
         new = ca.fmin(ca.fmax(new, lower), upper)
-        regression = _solve(m, d).T  # Y times this is T
-        moved = s - pv.T @ regression
-        change = moved @ (new - theta)
-        udot = self.through(change) + effect @ (new - theta)
-        return codegen.function(
-            "parameters_learn",
-            [*self.arguments, effect, pv, g, right, d, information, theta, lower, upper],
-            [new, half.T @ half, moved, information + regression.T @ g @ regression, change, udot],
-            numbered(len(self.arguments) + 9),
-        )
+        regression = _solve(m, d).T
+        results = [new, half.T @ half, -regression.T, information + regression.T @ g @ regression, new - theta]
+        return function("corrected", [m, g, right, d, information, theta, lower, upper], results)
+
+    def _changed(self) -> ca.Function:
+        """(S, change of its transpose (k×n), effect, change of θ) → S, change of the state, and of it what changes the
+        accelerations, as `through` takes it."""
+        k = self.count
+        less, effect = ca.SX.sym("less", k, self.size), ca.SX.sym("effect", COORDINATES, k)
+        difference = ca.SX.sym("difference", k)
+        moved = self.sensitivity + less.T
+        change = moved @ difference
+        direct = change[FORCE] + effect @ difference
+        results = [moved, change, change[DYNAMIC.tolist()], change[U], change[DISTURB], direct]
+        return function("changed", [self.sensitivity, less, effect, difference], results)
+
+
+def product(left: ca.MX, right: ca.MX, begin: ca.MX | None = None) -> ca.MX:
+    """begin + left right, which stays a product for who writes or runs it."""
+    return ca.mac(left, right, ca.MX.zeros(left.shape[0], right.shape[1]) if begin is None else begin)
+
+
+def function(name: str, arguments: Sequence[ca.SX], results: Sequence[ca.SX]) -> ca.Function:
+    """A function of scalars between products."""
+    return codegen.function(name, arguments, results, numbered(len(arguments)))
 
 
 def _like(symbol: ca.SX) -> ca.MX:

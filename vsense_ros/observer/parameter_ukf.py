@@ -13,7 +13,7 @@ from vsense_ros.model.car.kinematics import motion_of
 from vsense_ros.model.coordinates import COORDINATES, DISTURBANCES
 from vsense_ros.model.sensors import SensorBase
 from vsense_ros.observer.parameter_filter import ParameterFilter, numbered
-from vsense_ros.observer.state import DISTURB, FORCE, Q, U
+from vsense_ros.observer.state import DISTURB, DYNAMIC, FORCE, Q, U
 
 KAPPA = 1.0  # positive, so that all weights are; with two parameters the points have the kurtosis of the normal one
 
@@ -74,12 +74,8 @@ class ParameterUkf(ParameterFilter):
         arguments = [ca.MX.sym("a", *a.shape) for a in self.arguments]
         deviation, of_state = self._deviations(arguments)
         accelerations = self.accelerations(arguments, deviation, of_state)
-        _, by_q, by_u, by_disturbances = arguments[6:10]
-        known = ca.Function(
-            "known",
-            [self.by_q, self.by_u, self.by_disturbances, self.sensitivity],
-            [ca.densify(self.through(self.sensitivity) - self.sensitivity[FORCE, :])],
-        )(by_q, by_u, by_disturbances, arguments[10])
+        s, nothing = arguments[10], ca.MX.zeros(COORDINATES, self.count)
+        known = self.through(arguments, s[DYNAMIC.tolist(), :], s[U, :], s[DISTURB, :], nothing)
         beyond = accelerations - known @ deviation
         weighted = ca.DM(np.diag(self.weights)) @ deviation.T
         m = ca.SX.sym("m", self.count, self.count)
