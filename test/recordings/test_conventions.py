@@ -75,6 +75,23 @@ def test_covariances_are_turned_with_their_vector() -> None:
     assert np.allclose(after[:, [0, 7, 1, 6]], [9.0, 4.0, 1.0, 1.0])
 
 
+@pytest.mark.parametrize(
+    ("manoeuvre", "vehicle", "gnss", "begin"),
+    [
+        ("steering_sweep", "prototype_real", False, 0.5),  # accelerometers of the other sign, half a period later
+        ("steering_sweep", "rav4", True, 0.67),  # the body rolls as the course turns
+        ("brake_in_turn", "rav4", False, 0.0),  # a locked wheel turns the car at 10 rad/s
+        ("brake_in_turn", "genesis", True, 0.4),  # the yaw rate rises where the angle by the speed falls
+    ],
+)
+def test_a_part_of_a_drive_with_nothing_wrong_gets_no_mend(
+    manoeuvre: str, vehicle: str, gnss: bool, begin: float
+) -> None:
+    recording = planted.drive(manoeuvre, vehicle, 0)
+    part = recording.between(begin * recording.duration, None)
+    assert mends(part if gnss else without_gnss(part)) == []
+
+
 @pytest.mark.exam
 def test_forty_recordings_with_other_conventions_are_mended() -> None:
     assert len(EVERY) == 20

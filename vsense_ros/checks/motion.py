@@ -34,6 +34,7 @@ class MotionSettings:
     hard_braking: float = setting(4.0, "m/s²", "of braking from where on wheels may lock, which do not steer")
     least_turning: float = setting(0.02, "rad/s", "standard deviation of a turning rate that shows how the car turns")
     axles_contradict: float = setting(-0.3, "-", "correlation of the turning rates by the front and rear wheels")
+    slipping: float = setting(0.5, "-", "of the fastest wheel, below which another does not roll", JUDGEMENT)
     wheel_spin: float = setting(0.5, "rad/s", "of a wheel, below which no rolling radius follows", JUDGEMENT)
     rolling_radius: float = setting(0.32, "m", "of a wheel of a passenger car", "ETRTO, 205/55 R16: 0.316 m")
     track_width: float = setting(1.5, "m", "of a passenger car", "Milliken, Race Car Vehicle Dynamics (1995)")
@@ -142,7 +143,7 @@ def _add_wheels(motion: Motion, *, known: bool) -> None:
     names = [name for name in signals if name.startswith("wheel_")]
     if not names:
         return
-    mean = np.mean([signals[name] for name in names], axis=0)
+    rolls, mean = _rolling(np.array([signals[name] for name in names]))
     moving = (motion.speed > SETTINGS.slowest) & (np.abs(mean) > SETTINGS.wheel_spin)
     if known and moving.sum() > m.rows(1.0):
         ratio = motion.speed[moving] / mean[moving]
@@ -156,10 +157,21 @@ def _add_wheels(motion: Motion, *, known: bool) -> None:
     for axle in "rf":
         left, right = f"wheel_{axle}l", f"wheel_{axle}r"
         if left in signals and right in signals:
-            difference = m.smooth(signals[right] - signals[left], SETTINGS.span)
+            both_roll = rolls[[names.index(left), names.index(right)]].all(axis=0)
+            difference = m.smooth(np.where(both_roll, signals[right] - signals[left], np.nan), SETTINGS.span)
             by_axle.append(difference * radius / SETTINGS.track_width)
     if by_axle and not _contradict(motion, by_axle):
         motion.turns[WHEELS] = by_axle[0]
+
+
+def _rolling(spins: Array) -> tuple[NDArray[np.bool_], Array]:
+    """Which of the wheels (k, n) roll and neither lock nor spin freely nor are silent, and the mean spin (n,) of these.
+
+    One that locks says nothing of the speed, and nothing of how the car turns.
+    """
+    sizes = np.abs(spins)
+    rolls = sizes >= SETTINGS.slipping * sizes.max(axis=0)
+    return rolls, np.where(rolls, spins, 0.0).sum(axis=0) / np.maximum(rolls.sum(axis=0), 1)
 
 
 def _add_own_speeds(motion: Motion) -> None:

@@ -37,11 +37,14 @@ class RelationSettings:
 
     correlation: float = setting(0.7, "-", "from where on two signals show the same motion")
     clear: float = setting(0.9, "-", "of the best, which the second best stays below")
+    lasting: float = setting(1.0, "s", "of turning, of less of which nothing is said", JUDGEMENT)
+    overlap: float = setting(0.7, "-", "of the shorter of two signals, which has to remain at a lag", JUDGEMENT)
+    one_way: float = setting(0.7, "-", "correlation about zero that outweighs one about the means", JUDGEMENT)
     better: float = setting(0.6, "-", "of the error with the axes as they are, below which others are right")
     moving: float = setting(0.3, "m/s²", "root mean square acceleration that shows where an axis is", JUDGEMENT)
     offset: float = setting(1.5, "m/s²", "of mean error that attitude and offsets of a sensor make", JUDGEMENT)
     least: float = setting(2.0, "s", "of driving", JUDGEMENT)
-    coarse: float = setting(0.01, "-", "of a correlation, within which the smaller lag is taken", JUDGEMENT)
+    coarse: float = setting(0.01, "-", "of a covariance, within which the smaller lag is taken", JUDGEMENT)
     gravity: tuple[float, float] = setting((7.0, 13.0), "m/s²", "mean specific force that has gravity in it", JUDGEMENT)
     upright: float = setting(0.8, "-", "share of gravity on one axis, from where on it is the vertical one", JUDGEMENT)
     tilting: float = setting(0.4, "-", "correlation of roll and pitch rates with what makes a body roll and pitch")
@@ -59,18 +62,37 @@ def signed_correlation(one: Array, other: Array, step: float) -> float:
     """Correlation of two signals (n,), `step` [s] apart, at the lag at which it is largest, whatever its sign; 0 where
     another lag is as good with the other sign, as for a sine half a period later.
 
-    Signals that go along without a lag keep that sign: a sine resembles itself one period later, too.
+    Signals that go along without a lag keep that sign: a sine resembles itself one period later, too. Two that turn the
+    same way all the time, while one becomes faster and the other slower, say nothing either: at the brakes in a bend
+    the yaw rate may fall where a steering angle by a usual understeer says that it rises.
     """
+    values = _correlations(one, other, step)
+    if not len(values):
+        return 0.0
+    now = float(values[len(values) // 2])
+    high, low = float(values.max()), -float(values.min())
+    if now < SETTINGS.correlation and min(high, low) > SETTINGS.clear * max(high, low):
+        return 0.0
+    found = now if now >= SETTINGS.correlation or high == low == 0.0 else high if high > low else -low
+    return 0.0 if found * _similarity(one, other) < -SETTINGS.one_way * abs(found) else found
+
+
+def _correlations(one: Array, other: Array, step: float) -> Array:
+    """Correlation (2 k + 1,) of two signals (n,) at all lags that are sought, the one without a lag in the middle; 0
+    where too little of them would overlap, and nothing of signals that are too short."""
     longest = min(round(LAGS.longest / step), len(one) - 1)
     if longest < 1:
-        return 0.0
-    values = np.nan_to_num(lag_curve(one, other, longest, LAGS.least_overlap / step).correlation)
-    if values[longest] >= SETTINGS.correlation:
-        return float(values[longest])
-    high, low = float(values.max()), -float(values.min())
-    if min(high, low) > SETTINGS.clear * max(high, low):
-        return 0.0
-    return high if high > low else -low
+        return np.zeros(0)
+    present = min(int(np.isfinite(values).sum()) for values in (one, other))
+    least = max(LAGS.least_overlap / step, SETTINGS.overlap * present)
+    return np.nan_to_num(lag_curve(one, other, longest, least).correlation)
+
+
+def _similarity(one: Array, other: Array) -> float:
+    """Correlation of two signals (n,) whose means are not taken off: 1 of a car that turns one way by both."""
+    good = np.isfinite(one) & np.isfinite(other)
+    power = float(np.sqrt(np.sum(one[good] ** 2) * np.sum(other[good] ** 2)))
+    return float(one[good] @ other[good]) / power if power > 0 else 0.0
 
 
 def signed_permutations(count: int) -> list[Array]:
@@ -112,6 +134,7 @@ class Relations:
     lateral: dict[str, int] = field(default_factory=dict)
     up: Array | None = None
     form: Array | None = None
+    lags: dict[str, int] = field(default_factory=dict)
     _tilts: dict[tuple[int, int], int] = field(default_factory=dict)
     _gains: dict[int, int] = field(default_factory=dict)
 
@@ -231,7 +254,19 @@ def _turning_rates(motion: Motion, *, by_velocity: bool) -> dict[str, Array]:
     for name in (WHEELS, ROAD_WHEEL, STEERING_WHEEL):
         if name in motion.turns:
             result[name] = motion.turns[name]
-    return {name: turn for name, turn in result.items() if spread(turn) > MOTION.least_turning}
+    return {
+        name: turn
+        for name, turn in result.items()
+        if spread(turn) > MOTION.least_turning and _lasts(turn) > signals.rows(SETTINGS.lasting)
+    }
+
+
+def _lasts(values: Array) -> float:
+    """Over how many rows a signal (n,) deviates from its mean: as many as would have the ratio of its second and fourth
+    moments with the same deviation each."""
+    deviation = values[np.isfinite(values)]
+    square = (deviation - deviation.mean()) ** 2
+    return float(square.sum() ** 2 / (square**2).sum())
 
 
 def _form(motion: Motion, frame_findings: Sequence[Finding]) -> Array | None:
@@ -263,10 +298,12 @@ def _of_wheels(result: Relations) -> None:
 
 
 def _of_gyro(result: Relations, turns: Mapping[str, Array]) -> None:
-    """The axis that turns, by each source.
+    """The axis that turns, by each source, where one is.
 
     All axes are compared at one lag, and at none where another is hardly better: in a sine steer roll and pitch rates
-    go along with the turning of the car a quarter of a period earlier or later. A late sensor is compared at its lag.
+    go along with the turning of the car a quarter of a period earlier or later. A late sensor is compared at its lag,
+    if no other axis is as good at a lag of its own. Only the wheels need no such lag: a car turns later than it is
+    steered, and its course changes later than it turns, the more so the faster it is steered.
     """
     motion = result.motion
     step = motion.signals.step
@@ -275,14 +312,20 @@ def _of_gyro(result: Relations, turns: Mapping[str, Array]) -> None:
         return
     rates = [motion.smooth(motion.signals.signals[name]) for name in names]
     for source, turning in turns.items():
-        longest = min(round(LAGS.longest / step), len(turning) - 1)
-        if longest < 1:
+        curves = np.abs([_correlations(rate, turning, step) for rate in rates])
+        if not curves.size:
             continue
-        least = LAGS.least_overlap / step
-        curves = np.abs(np.nan_to_num([lag_curve(rate, turning, longest, least).correlation for rate in rates]))
-        together = curves[:, longest].max() >= SETTINGS.clear * curves.max()
-        lag = longest if together else int(np.argmax(curves.max(axis=0)))
-        best = int(np.argmax(curves[:, lag]))
+        middle = curves.shape[1] // 2
+        highest = curves.max(axis=1)
+        at_once = curves[:, middle].max() >= SETTINGS.clear * highest.max()
+        if at_once and source == WHEELS:
+            result.lags[source] = 0
+            best = int(np.argmax(curves[:, middle]))
+        else:
+            best = int(np.argmax(highest))
+            if (highest >= SETTINGS.clear * highest[best]).sum() > 1:
+                continue
+            result.lags[source] = int(np.argmax(curves[best])) - middle
         correlation = signed_correlation(rates[best], turning, step)
         if abs(correlation) > SETTINGS.correlation:
             result.yaw_axes[source] = np.sign(correlation) * np.eye(3)[RATES.index(names[best])]
@@ -309,15 +352,9 @@ def _of_accelerometer(result: Relations, turns: Mapping[str, Array]) -> None:
     expected = np.array([along, motion.smooth(motion.speed) * turning])
     expected[:, ~(motion.speed > MOTION.slowest)] = np.nan
     measured = np.array([motion.smooth(signals[name]) for name in names])
-    lag = _lag(measured, expected, motion.signals.step)
-    length, later, earlier = len(motion.signals.t) - abs(lag), max(lag, 0), max(-lag, 0)
-    measured, expected = measured[:, later : later + length], expected[:, earlier : earlier + length]
-    good = np.isfinite(measured).all(axis=0) & np.isfinite(expected).all(axis=0)
-    if good.sum() < motion.signals.rows(SETTINGS.least):
-        return
-    measured, expected = measured[:, good], expected[:, good]
-    if np.sqrt(np.mean(expected**2, axis=1)).max() >= SETTINGS.moving:
-        result.force_errors |= _force_errors(measured, expected, upright=result.up is not None)
+    if np.sqrt(np.nanmean(expected**2, axis=1)).max() >= SETTINGS.moving:
+        lag = result.lags.get(result.reference)
+        result.force_errors |= _force_errors(measured, expected, result.up is not None, lag, motion.signals.step)
 
 
 def _up(mean: Array) -> Array | None:
@@ -329,32 +366,40 @@ def _up(mean: Array) -> Array | None:
     return None
 
 
-def _force_errors(measured: Array, expected: Array, *, upright: bool) -> dict[Key, float]:
+def _force_errors(measured: Array, expected: Array, upright: bool, lag: int | None, step: float) -> dict[Key, float]:
     """Mean absolute errors [m/s²] of accelerations (2 or 3, n) turned by each signed permutation of the axes, against
-    those expected along and across (2, n), and against gravity if the sensor measures it (`upright`)."""
+    those expected along and across (2, n), and against gravity if the sensor measures it (`upright`).
+
+    The accelerations are `lag` steps of `step` [s] late, or each permutation has the lag that is best for it: in a sine
+    reversed axes are as right half a period later, and no more so.
+    """
     whole = np.zeros((3, measured.shape[1]))
     whole[: len(measured)] = measured
-    if upright:
-        expected = np.vstack([expected, np.full(expected.shape[1], GRAVITY)])
+    gravity = np.full((1 if upright else 0, measured.shape[1]), GRAVITY)
+    # Of a car that hardly gains speed only the lateral axis says how late it is.
+    curves = np.array(
+        [[spread(axis) * spread(one) * _correlations(axis, one, step) for axis in measured] for one in expected]
+    )
     errors = {}
     for matrix in signed_permutations(3):
         if len(measured) < 3 and matrix[2, 2] != 1.0:
             continue
-        error = (matrix @ whole)[: len(expected)] - expected
+        late = _best_lag(curves, matrix) if lag is None else lag
+        length, later, earlier = whole.shape[1] - abs(late), max(late, 0), max(-late, 0)
+        target = np.vstack([expected[:, earlier : earlier + length], gravity[:, :length]])
+        error = (matrix @ whole[:, later : later + length])[: len(target)] - target
+        error = error[:, np.isfinite(error).all(axis=0)]
+        if error.shape[1] < SETTINGS.least / step:
+            return {}
         # The attitude and offsets of the sensor stay in the means.
         error = error - np.clip(np.median(error, axis=1, keepdims=True), -SETTINGS.offset, SETTINGS.offset)
         errors[key(matrix)] = float(np.mean(np.abs(error)))
     return errors
 
 
-def _lag(measured: Array, expected: Array, step: float) -> int:
-    """Steps by which measured accelerations (k, n) are later than those expected (2, n), whichever axes belong
-    together: where the sum of the best correlations is largest."""
-    longest = min(round(LAGS.longest / step), measured.shape[1] - 1)
-    whole = np.zeros(2 * longest + 1)
-    for one in expected:
-        curves = [lag_curve(axis, one, longest, LAGS.least_overlap / step).correlation for axis in measured]
-        whole += np.nan_to_num(np.abs(curves)).max(axis=0)
-    shifts = np.arange(-longest, longest + 1)
-    as_good = whole >= whole.max() - SETTINGS.coarse
-    return int(min(shifts[as_good], key=abs))
+def _best_lag(curves: Array, matrix: Array) -> int:
+    """Steps by which accelerations turned by a matrix (3, 3) are later than those expected, by the covariances
+    (2, 2 or 3, lags) of each of these with each axis."""
+    whole = np.einsum("ij,ijk->k", matrix[: curves.shape[0], : curves.shape[1]], curves)
+    shifts = np.arange(len(whole)) - len(whole) // 2
+    return int(min(shifts[whole >= (1 - SETTINGS.coarse) * whole.max()], key=abs, default=0))
