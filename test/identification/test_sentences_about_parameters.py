@@ -17,7 +17,7 @@ def identified(product_is_determined: bool) -> Any:
     found = SimpleNamespace(names=names, values=SimpleNamespace(tolist=lambda: [6.2e4, 1.15]),
                             weakest=lambda _: "front_peak", pairs=tuple)  # fmt: skip
     return SimpleNamespace(
-        free=names, found=found, refused=refused, products=(product,), rinsed=SimpleNamespace(settled=True),
+        free=names, information=found, refused=refused, products=(product,), rinsed=SimpleNamespace(settled=True),
         verdict=None, is_kept=False, start={"front_stiffness": 4.868e4, "front_peak": 0.9973},
     )  # fmt: skip
 

@@ -71,8 +71,9 @@ def new_vehicle(output: Path, force: bool, **values: Any) -> None:
     new = make(**values)
     new.write(output)
     say(
-        f"Written to {output}: {len(new.given)} numbers from what is given, {len(new.numbers) - len(new.given)} by the "
-        f"rules for {new.kind} cars. Next: vsense check {output} RECORDING"
+        f"Written to {output}: {len(new.from_catalogue)} numbers from the catalogue, "
+        f"{len(new.numbers) - len(new.from_catalogue)} by the rules for {new.kind} cars. Next: vsense check {output} "
+        "RECORDING"
     )
 
 

@@ -54,7 +54,7 @@ class CarIdentification(Printable):
     @property
     def title(self) -> str:
         """Name of the vehicle, and how many parameters the drives determine."""
-        determined = sum(one[-1] for one in self.parameters.values())
+        determined = sum(row[-1] for row in self.parameters.values())
         return f"{self.vehicle.name}, {determined} of {len(self.parameters)} parameters determined"
 
     def show(self, out: Console) -> None:
@@ -81,31 +81,31 @@ def identify(
 
     Raises `InputError` for a name that is no number below physics, one that is zero, or drives that determine nothing.
     """
-    wanted = tuple(free) or tuple(FREE)
+    free_names = tuple(free) or tuple(FREE)
     values = vehicle.values()
-    for name in wanted:
+    for name in free_names:
         if name not in values:
             near = ", ".join(get_close_matches(name, values, 3, 0.0))
             raise InputError(f"--free: the car has no parameter {name!r}; nearest are {near}")
         if not values[name]:
             raise InputError(f"--free: {name} is zero in the vehicle file; give it a value to start from")
-    stated = vehicle.deviations()
-    prior = {name: stated.get(name, FREE.get(name, PRIOR) * abs(values[name])) for name in wanted}
-    now = {name: values[name] for name in wanted}
+    file_deviations = vehicle.deviations()
+    prior = {name: file_deviations.get(name, FREE.get(name, PRIOR) * abs(values[name])) for name in free_names}
+    estimates = {name: values[name] for name in free_names}
     deviations = dict(prior)
     for i, recording in enumerate(recordings):
-        now, deviations = _pass(recording, vehicle, now, deviations, part(progress, i, len(recordings) + 1))
-    determined = [name for name in wanted if deviations[name] <= INFORMATION.determined_share * prior[name]]
+        estimates, deviations = _pass(recording, vehicle, estimates, deviations, part(progress, i, len(recordings) + 1))
+    determined = [name for name in free_names if deviations[name] <= INFORMATION.determined_share * prior[name]]
     if not determined:
         raise InputError(
             "the drives determine none of the free parameters: "
             + "; ".join(
                 f"of {name}, {100 * deviations[name] / prior[name]:.0f} % of what was uncertain are left"
-                for name in wanted
+                for name in free_names
             )
             + ". Brake and accelerate for the mass, drive bends up to the limit for the tyres"
         )
-    changed = vehicle.with_parameters({name: now[name] for name in determined}).with_deviations(
+    changed = vehicle.with_parameters({name: estimates[name] for name in determined}).with_deviations(
         {name: deviations[name] for name in determined},
         "identified from " + ", ".join(recording.name for recording in recordings),
     )
@@ -115,7 +115,7 @@ def identify(
             slips[recording.name] = (_side_slip(recording, vehicle), _side_slip(recording, changed))
     if progress is not None:
         progress(1.0)
-    rows = {name: (values[name], now[name], deviations[name], name in determined) for name in wanted}
+    rows = {name: (values[name], estimates[name], deviations[name], name in determined) for name in free_names}
     return CarIdentification(vehicle, changed, rows, slips)
 
 
@@ -130,10 +130,10 @@ def _pass(
     car = vehicle.with_parameters(dict(values))
     settings = {name: EstimatedParameter(deviation=deviation) for name, deviation in deviations.items()}
     observer = car.observer.model_copy(update={"parameters": settings})
-    found = run(
+    estimates = run(
         recording, car.model_copy(update={"observer": observer}), rate=1.0, make=FILTERS["spi"].make, progress=progress
     ).parameters
-    return {n: found[n][0] for n in values}, {n: min(found[n][1], deviations[n]) for n in values}
+    return {n: estimates[n][0] for n in values}, {n: min(estimates[n][1], deviations[n]) for n in values}
 
 
 def _side_slip(recording: Recording, vehicle: Vehicle) -> float:
@@ -146,42 +146,42 @@ def _side_slip(recording: Recording, vehicle: Vehicle) -> float:
     return float(np.std(error))
 
 
-def sentences(found: CarIdentification) -> list[str]:
+def sentences(result: CarIdentification) -> list[str]:
     """Which parameters the drives do not determine, and how good the observer is before and after."""
     lines = ["Not proven yet: on a generated double lane change it made the observer worse. Compare before you use it."]
     lines += [
         f"{name} is not determined by these drives and stays {before:.5g}."
-        for name, (before, _, _, determined) in found.parameters.items() if not determined
+        for name, (before, _, _, determined) in result.parameters.items() if not determined
     ]  # fmt: skip
     lines += [
         f"{name}: side slip of the observer, RMSE {np.degrees(before):.3f}° before, {np.degrees(after):.3f}° after."
-        for name, (before, after) in found.side_slip.items()
+        for name, (before, after) in result.side_slip.items()
     ]
     return lines
 
 
-def write(found: CarIdentification, folder: Path) -> None:
+def write(result: CarIdentification, folder: Path) -> None:
     """identification.json and report.html."""
     parameters = {
         name: {"before": before, "value": value, "deviation": deviation, "determined": determined}
-        for name, (before, value, deviation, determined) in found.parameters.items()
+        for name, (before, value, deviation, determined) in result.parameters.items()
     }
-    made = {"model": "car", "vehicle": found.before.name, "parameters": parameters,
-            "side_slip_rmse_deg": {n: [float(np.degrees(v)) for v in pair] for n, pair in found.side_slip.items()},
-            "sentences": sentences(found)}  # fmt: skip
+    content = {"model": "car", "vehicle": result.before.name, "parameters": parameters,
+            "side_slip_rmse_deg": {n: [float(np.degrees(v)) for v in pair] for n, pair in result.side_slip.items()},
+            "sentences": sentences(result)}  # fmt: skip
     with atomic_write(folder / "identification.json") as file:
-        file.write(json.dumps(made, indent=2) + "\n")
+        file.write(json.dumps(content, indent=2) + "\n")
     cells = "".join(
         f"<tr><td>{escape(name)}</td><td>{before:.5g}</td><td>{value:.5g}</td><td>{deviation:.2g}</td>"
         f"<td>{'determined' if determined else 'refused'}</td></tr>"
-        for name, (before, value, deviation, determined) in found.parameters.items()
+        for name, (before, value, deviation, determined) in result.parameters.items()
     )
-    text = "".join(f"<li>{escape(line)}</li>" for line in sentences(found))
+    text = "".join(f"<li>{escape(line)}</li>" for line in sentences(result))
     page = (
         '<!DOCTYPE html><html lang="en"><head><meta charset="utf-8"><title>Parameters identified</title><style>'
         "body{font:15px/1.5 system-ui,sans-serif;margin:40px auto;max-width:900px}td,th{padding:4px 24px 4px 0;"
         "text-align:left;border-bottom:1px solid #e3e3e0}</style></head><body>"
-        f"<h1>{escape(found.before.name)}: parameters identified</h1><table><tr><th>parameter</th><th>before</th>"
-        f"<th>found</th><th>±</th><th></th></tr>{cells}</table><ul>{text}</ul></body></html>\n"
+        f"<h1>{escape(result.before.name)}: parameters identified</h1><table><tr><th>parameter</th><th>before</th>"
+        f"<th>estimate</th><th>±</th><th></th></tr>{cells}</table><ul>{text}</ul></body></html>\n"
     )
     (folder / "report.html").write_text(page, encoding="utf-8")

@@ -107,14 +107,14 @@ def characterise(title: str, drives: Sequence[DriveSignals], vehicle: Vehicle | 
             "some of the recordings have the angle of the steering wheel, others that of the road wheels; characterise "
             "them one kind at a time"
         )
-    found = Characteristics(title)
-    _radii(found, drives, vehicle)
-    ratio = _steering(found, drives, vehicle)
-    _roll(found, drives)
-    _wheel_stiffness(found, drives, vehicle)
-    _axle_stiffness(found, drives, vehicle, ratio)
-    _frequency_response(found, drives, ratio)
-    return found
+    characteristics = Characteristics(title)
+    _radii(characteristics, drives, vehicle)
+    ratio = _steering(characteristics, drives, vehicle)
+    _roll(characteristics, drives)
+    _wheel_stiffness(characteristics, drives, vehicle)
+    _axle_stiffness(characteristics, drives, vehicle, ratio)
+    _frequency_response(characteristics, drives, ratio)
+    return characteristics
 
 
 def drive_tests(vehicle: Vehicle, progress: Progress = lambda share: None) -> list[DriveSignals]:
@@ -129,18 +129,18 @@ def drive_tests(vehicle: Vehicle, progress: Progress = lambda share: None) -> li
         ("winding at 15 km/h", CHARACTERISE.slow_speed, 30.0, _winding(vehicle)),
     ]
     for name in ("slow_ramp_steer", "steering_sweep"):
-        one = MANOEUVRES[name]
-        plans.append((one.title.lower(), one.speed, one.duration, one.driver(vehicle)))
-    found = []
+        manoeuvre = MANOEUVRES[name]
+        plans.append((manoeuvre.title.lower(), manoeuvre.speed, manoeuvre.duration, manoeuvre.driver(vehicle)))
+    drives = []
     for i, (name, speed, duration, driver) in enumerate(plans):
         q, u = rolling_straight(vehicle, speed)
         try:
             drive = simulate(vehicle, driver, duration, keep_every=round(DRIVE_SIGNALS.step * 1e3), q=q, u=u)
         except FloatingPointError as error:
             raise InputError(f"{error} ({name}); is there a value in the vehicle file that no car has?") from None
-        found.append(of_trajectory(name, drive, vehicle))
+        drives.append(of_trajectory(name, drive, vehicle))
         progress((i + 1) / len(plans))
-    return found
+    return drives
 
 
 def _held(vehicle: Vehicle, speed: float) -> Driver:
@@ -166,16 +166,16 @@ def regression(parts: Sequence[tuple[Array, Array]]) -> tuple[Array, Array]:
     unknowns = parts[0][0].shape[1] if parts else 0
     if not blocks:
         return np.full(unknowns, np.nan), np.full(unknowns, np.inf)
-    squares, products = (np.array(found) for found in zip(*blocks, strict=True))
-    total, rest = squares.sum(axis=0), products.sum(axis=0)
-    scale = np.sqrt(np.maximum(np.diag(total), 1e-300))
-    if np.linalg.cond(total / np.outer(scale, scale)) > 1e8:
+    squares, products = (np.array(matrices) for matrices in zip(*blocks, strict=True))
+    normal_matrix, product = squares.sum(axis=0), products.sum(axis=0)
+    scale = np.sqrt(np.maximum(np.diag(normal_matrix), 1e-300))
+    if np.linalg.cond(normal_matrix / np.outer(scale, scale)) > 1e8:
         return np.full(unknowns, np.nan), np.full(unknowns, np.inf)
-    best = np.linalg.solve(total, rest)
+    best = np.linalg.solve(normal_matrix, product)
     count = len(blocks)
     if count < 4:
         return best, np.full(unknowns, np.inf)
-    without = np.array([np.linalg.lstsq(total - a, rest - b, rcond=None)[0] for a, b in blocks])
+    without = np.array([np.linalg.lstsq(normal_matrix - a, product - b, rcond=None)[0] for a, b in blocks])
     return best, np.sqrt((count - 1) / count * np.sum((without - without.mean(axis=0)) ** 2, axis=0))
 
 
@@ -219,7 +219,7 @@ def by_file(vehicle: Vehicle, axle: str) -> tuple[float, float]:
     return slopes((vehicle.physics.front, vehicle.physics.rear)[index], static_loads(vehicle)[index])
 
 
-def _radii(found: Characteristics, drives: Sequence[DriveSignals], vehicle: Vehicle | None) -> None:
+def _radii(characteristics: Characteristics, drives: Sequence[DriveSignals], vehicle: Vehicle | None) -> None:
     """V / ω on the straight, of each axle; at each speed for tests at several."""
     parts: dict[str, list[tuple[Array, Array]]] = {}
     for drive in drives:
@@ -237,20 +237,24 @@ def _radii(found: Characteristics, drives: Sequence[DriveSignals], vehicle: Vehi
             parts.setdefault(f"rolling radius, {axle}{at}", []).append((spin, drive.speed[rows]))
     if not parts:
         why = "no wheel speeds" if all(d.spin is None for d in drives) else "no straight at a constant speed"
-        found.quantities.append(Quantity("rolling radius", "m", note=why))
+        characteristics.quantities.append(Quantity("rolling radius", "m", note=why))
     for name, pieces in parts.items():
         value, deviation = regression(pieces)
         file = None if vehicle is None else float(rolling_radii(vehicle)[0 if "front" in name else 2])
-        found.quantities.append(_quantity(name, "m", float(value[0]), float(deviation[0]), "no straight", file))
+        characteristics.quantities.append(
+            _quantity(name, "m", float(value[0]), float(deviation[0]), "no straight", file)
+        )
 
 
-def _steering(found: Characteristics, drives: Sequence[DriveSignals], vehicle: Vehicle | None) -> float | None:
+def _steering(
+    characteristics: Characteristics, drives: Sequence[DriveSignals], vehicle: Vehicle | None
+) -> float | None:
     """δ = offset + i (L r / V + K V r): steering ratio i, understeer gradient K, offset; returns what to divide the
     reading by. Where only one speed was driven, i and K cannot be told apart and the file's ratio is taken."""
     if vehicle is None:
         why = "needs a wheelbase: give --vehicle"
         for name, unit in (("steering ratio", "-"), ("understeer gradient", "deg/g"), ("steering offset", "deg")):
-            found.quantities.append(Quantity(name, unit, note=why))
+            characteristics.quantities.append(Quantity(name, unit, note=why))
         return None
     chassis = vehicle.physics.chassis
     wheelbase = chassis.cog_to_front_axle + chassis.cog_to_rear_axle
@@ -266,22 +270,26 @@ def _steering(found: Characteristics, drives: Sequence[DriveSignals], vehicle: V
         turning = rows & (np.abs(lateral) > 0.3)
         speeds.append(drive.speed[turning])
     driven = np.concatenate(speeds)
-    where = "at the steering wheel" if at_wheel else "of the reading"
+    place_of_steering = "at the steering wheel" if at_wheel else "of the reading"
     if len(driven) * DRIVE_SIGNALS.step < 3.0:
         for name, unit in (("steering ratio", "-"), ("understeer gradient", "deg/g")):
-            found.quantities.append(Quantity(name, unit, note="no bends"))
+            characteristics.quantities.append(Quantity(name, unit, note="no bends"))
         return from_file
     one_speed = np.std(driven) < 0.1 * np.mean(driven)
     if one_speed:
-        ratio, ratio_known = from_file, np.inf
+        ratio, ratio_deviation = from_file, np.inf
         pieces = [(x[:, 1:], y - ratio * x[:, 0]) for x, y in parts]
         coefficients, deviations = regression(pieces)
-        found.quantities.append(Quantity("steering ratio", "-", note="one speed only: the file's is taken", file=ratio))
+        characteristics.quantities.append(
+            Quantity("steering ratio", "-", note="one speed only: the file's is taken", file=ratio)
+        )
     else:
-        all_of_it, all_known = regression(parts)
-        ratio, ratio_known = float(all_of_it[0]), float(all_known[0])
-        coefficients, deviations = all_of_it[1:], all_known[1:]
-        found.quantities.append(_quantity("steering ratio", "-", ratio, ratio_known, "not separable", from_file))
+        all_coefficients, all_deviations = regression(parts)
+        ratio, ratio_deviation = float(all_coefficients[0]), float(all_deviations[0])
+        coefficients, deviations = all_coefficients[1:], all_deviations[1:]
+        characteristics.quantities.append(
+            _quantity("steering ratio", "-", ratio, ratio_deviation, "not separable", from_file)
+        )
         if not ratio > 0:
             ratio = from_file
     in_degrees = np.degrees(GRAVITY) / ratio
@@ -290,18 +298,22 @@ def _steering(found: Characteristics, drives: Sequence[DriveSignals], vehicle: V
         "not separable from the ratio", np.degrees(GRAVITY) * understeer_gradient(vehicle),
         "file: of linear tyres under static loads",
     )  # fmt: skip
-    found.quantities.append(quantity)
-    offset, known = (float(np.degrees(value[1])) for value in (coefficients, deviations))
-    found.quantities.append(_quantity(f"steering offset, {where}", "deg", offset, known, "not separable"))
+    characteristics.quantities.append(quantity)
+    offset, deviation = (float(np.degrees(value[1])) for value in (coefficients, deviations))
+    characteristics.quantities.append(
+        _quantity(f"steering offset, {place_of_steering}", "deg", offset, deviation, "not separable")
+    )
     x, y = (np.concatenate([part[i] for part in parts]) for i in range(2))
-    beyond = (y - coefficients[1]) / ratio - x[:, 0]
-    found.scatters["understeer"] = Scatter(x[:, 1], np.degrees(beyond), float(np.degrees(coefficients[0]) / ratio))
+    excess_angle = (y - coefficients[1]) / ratio - x[:, 0]
+    characteristics.scatters["understeer"] = Scatter(
+        x[:, 1], np.degrees(excess_angle), float(np.degrees(coefficients[0]) / ratio)
+    )
     return ratio
 
 
-def _roll(found: Characteristics, drives: Sequence[DriveSignals]) -> None:
+def _roll(characteristics: Characteristics, drives: Sequence[DriveSignals]) -> None:
     """Roll over lateral acceleration, of the body; without a roll angle by what the accelerometer feels beyond V r."""
-    parts, felt = [], False
+    parts, by_accelerometer = [], False
     for drive in drives:
         lateral = _slow(drive.speed * drive.yaw_rate)
         rows = _settled(drive) & _steady(drive)
@@ -312,71 +324,73 @@ def _roll(found: Characteristics, drives: Sequence[DriveSignals]) -> None:
             sliding = np.zeros(len(drive))
             if drive.side_slip is not None:
                 sliding = np.gradient(_slow(drive.speed * np.tan(drive.side_slip)), DRIVE_SIGNALS.step)
-            roll, felt = (_slow(drive.felt) - lateral - sliding) / GRAVITY, True
+            roll, by_accelerometer = (_slow(drive.felt) - lateral - sliding) / GRAVITY, True
         else:
             continue
         parts.append((np.column_stack([lateral, np.ones(len(lateral))])[rows], roll[rows]))
     if not parts or sum(np.sum(np.abs(x[:, 0]) > 0.3) for x, _ in parts) * DRIVE_SIGNALS.step < 3.0:
-        found.quantities.append(Quantity("roll gradient", "deg/g", note="no bends, or neither roll nor accelerometer"))
+        characteristics.quantities.append(
+            Quantity("roll gradient", "deg/g", note="no bends, or neither roll nor accelerometer")
+        )
         return
     value, deviation = regression(parts)
     x, y = (np.concatenate([part[i] for part in parts]) for i in range(2))
-    found.scatters["roll"] = Scatter(x[:, 0], np.degrees(y - value[1]), float(np.degrees(value[0])))
+    characteristics.scatters["roll"] = Scatter(x[:, 0], np.degrees(y - value[1]), float(np.degrees(value[0])))
     explained = 1 - np.var(y - x @ value) / np.var(y)
     if explained < CHARACTERISE.least_explained:
         why = (
             f"lateral acceleration explains {100 * explained:.0f} % of it only: the road is banked, or a sensor drifts"
         )
-        found.quantities.append(Quantity("roll gradient", "deg/g", note=why))
+        characteristics.quantities.append(Quantity("roll gradient", "deg/g", note=why))
         return
     scale = np.degrees(GRAVITY)
     quantity = _quantity("roll gradient", "deg/g", float(value[0]) * scale, float(deviation[0]) * scale, "no bends")
-    if felt:
+    if by_accelerometer:
         note = "by the accelerometer: its scale and the bank of the road count as roll"
         quantity = Quantity(quantity.name, quantity.unit, quantity.value, quantity.deviation, note)
-    found.quantities.append(quantity)
+    characteristics.quantities.append(quantity)
 
 
-def _wheel_stiffness(found: Characteristics, drives: Sequence[DriveSignals], vehicle: Vehicle | None) -> None:
+def _wheel_stiffness(characteristics: Characteristics, drives: Sequence[DriveSignals], vehicle: Vehicle | None) -> None:
     """Slopes of tyre force over slip, mean of an axle's tyres, where forces are known (Leung 2010, eqs. 3.28, 3.29)."""
-    known = [drive for drive in drives if drive.wheels is not None and drive.name.startswith("winding")]
-    if not known:
+    winding_drives = [drive for drive in drives if drive.wheels is not None and drive.name.startswith("winding")]
+    if not winding_drives:
         return
     for axle, pair in (("front", slice(0, 2)), ("rear", slice(2, 4))):
-        for what, slip, force, limit, sign, unit in (
+        for stiffness_name, slip, force, limit, sign, unit in (
             ("slip stiffness", _SLIP, FORCE_X, CHARACTERISE.linear_slip, 1.0, "N"),
             ("cornering stiffness", _ANGLE, FORCE_Y, CHARACTERISE.linear_slip_angle, -1.0, "N/rad"),
         ):
             parts = []
-            for drive in known:
+            for drive in winding_drives:
                 rows = _settled(drive)
                 x, y = (drive.wheels[rows, k][:, pair].mean(axis=1) for k in (slip, force))  # type: ignore[index]
                 small = np.abs(x) < limit
                 parts.append((np.column_stack([sign * x, np.ones(len(x))])[small], y[small]))
             value, deviation = regression(parts)
-            name = f"{what} of a tyre, {axle}"
+            name = f"{stiffness_name} of a tyre, {axle}"
             file = by_file(vehicle, axle)[0 if unit == "N" else 1] if vehicle is not None else None
-            found.quantities.append(
+            characteristics.quantities.append(
                 _quantity(name, unit, float(value[0]), float(deviation[0]), "too little slip", file)
             )
             x, y = parts[0]
-            found.scatters[f"{what} {axle}"] = Scatter(x[:, 0], y - value[1], float(value[0]))
+            characteristics.scatters[f"{stiffness_name} {axle}"] = Scatter(x[:, 0], y - value[1], float(value[0]))
 
 
 def _axle_stiffness(
-    found: Characteristics, drives: Sequence[DriveSignals], vehicle: Vehicle | None, ratio: float | None
+    characteristics: Characteristics, drives: Sequence[DriveSignals], vehicle: Vehicle | None, ratio: float | None
 ) -> None:
     """Slopes of axle force over slip angle, of both tyres together, from motion: needs mass and side slip."""
-    known = [d for d in drives if d.side_slip is not None and not d.name.startswith("winding")]
-    if vehicle is None or not known or ratio is None:
+    slip_drives = [d for d in drives if d.side_slip is not None and not d.name.startswith("winding")]
+    if vehicle is None or not slip_drives or ratio is None:
         why = "needs a side slip" if vehicle is not None else "needs mass and geometry: give --vehicle"
         for axle in ("front", "rear"):
-            found.quantities.append(Quantity(f"cornering stiffness of the axle, {axle}", "N/rad", note=why))
+            characteristics.quantities.append(Quantity(f"cornering stiffness of the axle, {axle}", "N/rad", note=why))
         return
     chassis = vehicle.physics.chassis
     a, b = chassis.cog_to_front_axle, chassis.cog_to_rear_axle
     parts: dict[str, list[tuple[Array, Array]]] = {"front": [], "rear": []}
-    for drive in known:
+    for drive in slip_drives:
         speed, rate, slip = (_slow(v) for v in (drive.speed, drive.yaw_rate, drive.side_slip))  # type: ignore[arg-type]
         lateral = speed * rate + np.gradient(speed * slip, DRIVE_SIGNALS.step)
         turning = chassis.yaw_inertia * np.gradient(rate, DRIVE_SIGNALS.step)
@@ -395,12 +409,14 @@ def _axle_stiffness(
     for axle, pieces in parts.items():
         value, deviation = regression(pieces)
         name, file = f"cornering stiffness of the axle, {axle}", 2 * by_file(vehicle, axle)[1]
-        found.quantities.append(_quantity(name, "N/rad", float(value[0]), float(deviation[0]), "too little slip", file))
+        characteristics.quantities.append(
+            _quantity(name, "N/rad", float(value[0]), float(deviation[0]), "too little slip", file)
+        )
         x, y = (np.concatenate([piece[i] for piece in pieces]) for i in range(2))
-        found.scatters[f"axle {axle}"] = Scatter(np.degrees(x[:, 0]), (y - value[1]) / 1e3, float(value[0]))
+        characteristics.scatters[f"axle {axle}"] = Scatter(np.degrees(x[:, 0]), (y - value[1]) / 1e3, float(value[0]))
 
 
-def _frequency_response(found: Characteristics, drives: Sequence[DriveSignals], ratio: float | None) -> None:
+def _frequency_response(characteristics: Characteristics, drives: Sequence[DriveSignals], ratio: float | None) -> None:
     """Yaw rate over road-wheel angle by cross spectra (Welch), each drive by itself, where they are coherent."""
     for drive in drives:
         rows = np.flatnonzero(_settled(drive))
@@ -426,25 +442,25 @@ def _frequency_response(found: Characteristics, drives: Sequence[DriveSignals], 
         if good.sum() < 4:
             continue
         response = cross[good] / power[good]
-        found.responses.append(
+        characteristics.responses.append(
             FrequencyResponse(
                 float(drive.speed[first:last].mean()), frequency[good], np.abs(response),
                 np.unwrap(np.angle(response)), coherence[good],
             )
         )  # fmt: skip
-    if not found.responses:
-        found.quantities.append(
+    if not characteristics.responses:
+        characteristics.quantities.append(
             Quantity("yaw-rate gain", "1/s", note="steering and yaw rate are not coherent anywhere")
         )
         return
-    richest = max(found.responses, key=lambda one: (min(len(one.frequency), 8), one.speed))
+    richest = max(characteristics.responses, key=lambda measured: (min(len(measured.frequency), 8), measured.speed))
     speed = f"at {3.6 * richest.speed:.0f} km/h"
-    found.quantities.append(
+    characteristics.quantities.append(
         Quantity(f"yaw-rate gain at {richest.frequency[0]:.2g} Hz {speed}", "1/s", float(richest.gain[0]))
     )
     slow = richest.frequency < max(1.0, float(richest.frequency[3]))
     lag = -float(np.polyfit(2 * np.pi * richest.frequency[slow], richest.phase[slow], 1)[0])
-    found.quantities.append(Quantity(f"lag of the yaw rate behind the steering {speed}", "s", lag))
+    characteristics.quantities.append(Quantity(f"lag of the yaw rate behind the steering {speed}", "s", lag))
 
 
 def _is_narrow(drive: DriveSignals) -> bool:

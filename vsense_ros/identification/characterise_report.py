@@ -29,58 +29,63 @@ _POINTS = 4000  # of a scatter, beyond which a picture shows no more
 _SECOND = "#D55E00"
 
 
-def table(found: Characteristics) -> Table:
+def table(characteristics: Characteristics) -> Table:
     """One line for each quantity; what is not known says why."""
     result = plain_table(
         "quantity", "value", "± 1 σ", "unit", "vehicle file", "", right=("value", "± 1 σ", "vehicle file")
     )
-    for one in found.quantities:
+    for quantity in characteristics.quantities:
         result.add_row(
-            one.name, _number(one.value), _number(one.deviation, 2), one.unit, _number(one.file), one.note or ""
+            quantity.name,
+            _number(quantity.value),
+            _number(quantity.deviation, 2),
+            quantity.unit,
+            _number(quantity.file),
+            quantity.note or "",
         )
     return result
 
 
-def show(found: Characteristics, console: Console) -> None:
+def show(characteristics: Characteristics, console: Console) -> None:
     """Print the table."""
     console.width = max(console.width, _WIDTH)
-    console.print(found.title, style="bold", markup=False)
-    console.print(table(found))
+    console.print(characteristics.title, style="bold", markup=False)
+    console.print(table(characteristics))
 
 
-def write(found: Characteristics, path: Path) -> None:
+def write(characteristics: Characteristics, path: Path) -> None:
     """Quantities and frequency responses as JSON; SI units but where the unit says otherwise."""
-    content: dict[str, Any] = {
-        "title": found.title,
+    document: dict[str, Any] = {
+        "title": characteristics.title,
         "quantities": {
-            one.name: {
-                "value": one.value, "deviation": one.deviation, "unit": one.unit, "vehicle_file": one.file,
-                "note": one.note,
+            quantity.name: {
+                "value": quantity.value, "deviation": quantity.deviation, "unit": quantity.unit,
+                "vehicle_file": quantity.file, "note": quantity.note,
             }
-            for one in found.quantities
+            for quantity in characteristics.quantities
         },
         "frequency_responses": [
             {
-                "speed": one.speed, "frequency_hz": one.frequency.tolist(), "gain": one.gain.tolist(),
-                "phase": one.phase.tolist(), "coherence": one.coherence.tolist(),
+                "speed": response.speed, "frequency_hz": response.frequency.tolist(), "gain": response.gain.tolist(),
+                "phase": response.phase.tolist(), "coherence": response.coherence.tolist(),
             }
-            for one in found.responses
+            for response in characteristics.responses
         ],
     }  # fmt: skip
     with atomic_write(path) as file:
-        json.dump(content, file, indent=1)
+        json.dump(document, file, indent=1)
 
 
-def draw(found: Characteristics, vehicle: Vehicle | None, path: Path) -> Path:
+def draw(characteristics: Characteristics, vehicle: Vehicle | None, path: Path) -> Path:
     """Lines through the points that they come from, frequency responses, and the model's Bode plot."""
     with matplotlib.rc_context(dict(STYLE)):
         figure = Figure(figsize=(13, 9.5), layout="constrained")
         FigureCanvasAgg(figure)
-        figure.suptitle(drawn(found.title), x=0.01, ha="left", fontsize=12, fontweight="bold")
+        figure.suptitle(drawn(characteristics.title), x=0.01, ha="left", fontsize=12, fontweight="bold")
         panels = figure.subplots(3, 3)
-        _understeer_and_roll(found, panels[0])
-        _stiffness(found, panels[0][2], panels[1])
-        _responses(found, vehicle, panels[1][2], panels[2][0])
+        _understeer_and_roll(characteristics, panels[0])
+        _stiffness(characteristics, panels[0][2], panels[1])
+        _responses(characteristics, vehicle, panels[1][2], panels[2][0])
         if vehicle is None:
             for panel in panels[2][1:]:
                 _nothing(panel, "Bode plot of the single-track model", "needs --vehicle")
@@ -98,11 +103,11 @@ def _number(value: float | None, digits: int = 4) -> str:
     return f"{value:,.0f}".replace(",", " ") if abs(value) >= 1e4 else f"{value:.{digits}g}"
 
 
-def _points(panel: Axes, one: Scatter, colour: str, label: str) -> None:
-    rows = np.random.default_rng(0).permutation(len(one.x))[:_POINTS]
-    panel.plot(one.x[rows], one.y[rows], ".", ms=1.5, color=colour, alpha=0.35)
-    ends = np.array([one.x.min(), one.x.max()]) if len(one.x) else np.zeros(2)
-    slope = one.slope
+def _points(panel: Axes, scatter: Scatter, colour: str, label: str) -> None:
+    rows = np.random.default_rng(0).permutation(len(scatter.x))[:_POINTS]
+    panel.plot(scatter.x[rows], scatter.y[rows], ".", ms=1.5, color=colour, alpha=0.35)
+    ends = np.array([scatter.x.min(), scatter.x.max()]) if len(scatter.x) else np.zeros(2)
+    slope = scatter.slope
     panel.plot(ends, slope * ends, color=colour, lw=1.6, label=label)
 
 
@@ -113,63 +118,63 @@ def _nothing(panel: Axes, title: str, why: str) -> None:
     panel.set_yticks([])
 
 
-def _understeer_and_roll(found: Characteristics, panels: Any) -> None:
+def _understeer_and_roll(characteristics: Characteristics, panels: Any) -> None:
     for panel, key, title, label in (
         (panels[0], "understeer", "Steering beyond the geometric angle", "road wheels [°]"),
         (panels[1], "roll", "Roll", "[°]"),
     ):
-        if key not in found.scatters:
+        if key not in characteristics.scatters:
             _nothing(panel, title, "not determined")
             continue
-        _points(panel, found.scatters[key], ESTIMATE, "")
+        _points(panel, characteristics.scatters[key], ESTIMATE, "")
         panel.set_title(title)
         panel.set_xlabel("lateral acceleration [m/s²]")
         panel.set_ylabel(label)
 
 
-def _stiffness(found: Characteristics, axle_panel: Axes, panels: Any) -> None:
-    if "axle front" in found.scatters:
+def _stiffness(characteristics: Characteristics, axle_panel: Axes, panels: Any) -> None:
+    if "axle front" in characteristics.scatters:
         axle_panel.set_title("Axle forces")
         for axle, colour in (("front", ESTIMATE), ("rear", _SECOND)):
-            one = found.scatters[f"axle {axle}"]
-            _points(axle_panel, Scatter(one.x, one.y, np.radians(one.slope) / 1e3), colour, axle)
+            scatter = characteristics.scatters[f"axle {axle}"]
+            _points(axle_panel, Scatter(scatter.x, scatter.y, np.radians(scatter.slope) / 1e3), colour, axle)
         axle_panel.set_xlabel("minus slip angle [°]")
         axle_panel.set_ylabel("lateral force [kN]")
         axle_panel.legend()
     else:
         _nothing(axle_panel, "Axle forces", "not determined")
-    for panel, what, x in (
+    for panel, stiffness_name, x in (
         (panels[0], "slip stiffness", "longitudinal slip [-]"),
         (panels[1], "cornering stiffness", "minus slip angle [rad]"),
     ):
-        title = f"Tyre forces: {what}"
-        if f"{what} front" not in found.scatters:
+        title = f"Tyre forces: {stiffness_name}"
+        if f"{stiffness_name} front" not in characteristics.scatters:
             _nothing(panel, title, "forces are known of a simulation only")
             continue
         for axle, colour in (("front", ESTIMATE), ("rear", _SECOND)):
-            _points(panel, found.scatters[f"{what} {axle}"], colour, axle)
+            _points(panel, characteristics.scatters[f"{stiffness_name} {axle}"], colour, axle)
         panel.set_title(title)
         panel.set_xlabel(x)
         panel.set_ylabel("force [N]")
         panel.legend()
 
 
-def _responses(found: Characteristics, vehicle: Vehicle | None, gain: Axes, phase: Axes) -> None:
+def _responses(characteristics: Characteristics, vehicle: Vehicle | None, gain: Axes, phase: Axes) -> None:
     """Measured points, and the linear single-track model of the file as lines."""
-    if not found.responses:
+    if not characteristics.responses:
         _nothing(gain, "Yaw rate over road-wheel angle", "not coherent")
         _nothing(phase, "Phase", "not coherent")
         return
     colours = (ESTIMATE, _SECOND, "#009E73", "#CC79A7", "#E69F00")
-    for one, colour in zip(found.responses, colours, strict=False):
-        label = f"{3.6 * one.speed:.0f} km/h"
-        gain.plot(one.frequency, one.gain, "o", ms=3, color=colour, label=label)
-        phase.plot(one.frequency, np.degrees(one.phase), "o", ms=3, color=colour, label=label)
+    for measured, colour in zip(characteristics.responses, colours, strict=False):
+        label = f"{3.6 * measured.speed:.0f} km/h"
+        gain.plot(measured.frequency, measured.gain, "o", ms=3, color=colour, label=label)
+        phase.plot(measured.frequency, np.degrees(measured.phase), "o", ms=3, color=colour, label=label)
         if vehicle is not None:
             model = Bicycle2Dof()
             frequency = np.geomspace(0.1, 5, 100)
             response = Response(model, model.numbers(vehicle)).frequency_response(
-                one.speed, 2 * np.pi * frequency, "yaw_rate"
+                measured.speed, 2 * np.pi * frequency, "yaw_rate"
             )
             gain.plot(frequency, np.abs(response), color=colour, lw=0.9)
             phase.plot(frequency, np.degrees(np.unwrap(np.angle(response))), color=colour, lw=0.9)

@@ -78,7 +78,7 @@ def of_recording(recording: Recording, vehicle: Vehicle | None) -> DriveSignals:
 
     Raises `InputError` for a recording without steering, without a speed over ground or without a yaw rate.
     """
-    found: dict[str, tuple[NDArray[np.int64], Array]] = {}
+    channels: dict[str, tuple[NDArray[np.int64], Array]] = {}
     steering = find_channel(recording, "vehicle/steering")
     if steering is None:
         raise InputError(f"{recording.name}: no topic vehicle/steering; a car is characterised by how it answers that")
@@ -89,31 +89,31 @@ def of_recording(recording: Recording, vehicle: Vehicle | None) -> DriveSignals:
             "steering_wheel or road_wheel_front"
         )
     column = steering.names.index("steering_wheel" if wheel else "road_wheel_front")
-    found["steering"] = (steering.stamp, steering.columns["position"][:, column])
+    channels["steering"] = (steering.stamp, steering.columns["position"][:, column])
     imu = find_channel(recording, "imu/data")
     if imu is not None:
         rates, forces = _in_axes_of_car(imu, vehicle)
-        found["yaw_rate"], found["felt"] = (imu.stamp, rates[:, 2]), (imu.stamp, forces[:, 1])
-    _reference(recording, vehicle, found)
-    if "speed" not in found:
+        channels["yaw_rate"], channels["felt"] = (imu.stamp, rates[:, 2]), (imu.stamp, forces[:, 1])
+    _reference(recording, vehicle, channels)
+    if "speed" not in channels:
         gnss = find_channel(recording, "gps/velocity")
         if gnss is None:
             raise InputError(f"{recording.name}: no speed over ground; expected reference/odometry or gps/velocity")
-        found["speed"] = (gnss.stamp, np.hypot(*gnss.columns["linear"][:, :2].T))
-    if "yaw_rate" not in found:
+        channels["speed"] = (gnss.stamp, np.hypot(*gnss.columns["linear"][:, :2].T))
+    if "yaw_rate" not in channels:
         raise InputError(f"{recording.name}: no yaw rate; expected imu/data or reference/odometry")
     spins = find_channel(recording, "vehicle/wheel_speeds")
     if spins is not None and all(f"wheel_{w}" in spins.names for w in WHEELS):
         for place in WHEELS:
-            found[f"spin_{place}"] = (spins.stamp, spins.columns["velocity"][:, spins.names.index(f"wheel_{place}")])
-    start, end = max(s[0] for s, _ in found.values()), min(s[-1] for s, _ in found.values())
+            channels[f"spin_{place}"] = (spins.stamp, spins.columns["velocity"][:, spins.names.index(f"wheel_{place}")])
+    start, end = max(s[0] for s, _ in channels.values()), min(s[-1] for s, _ in channels.values())
     clock = np.arange(start, end, round(DRIVE_SIGNALS.step * 1e9), dtype=np.int64)
     if len(clock) < 10 / DRIVE_SIGNALS.step:
         raise InputError(f"{recording.name}: less than 10 s in which steering, speed and yaw rate are all there")
     valid, on_clock = np.ones(len(clock), dtype=bool), {}
-    for key, (stamp, value) in found.items():
-        on_clock[key], known = _resampled(stamp, value, clock)
-        valid &= known
+    for key, (stamp, value) in channels.items():
+        on_clock[key], covered = _resampled(stamp, value, clock)
+        valid &= covered
     spin = np.column_stack([on_clock[f"spin_{w}"] for w in WHEELS]) if "spin_fl" in on_clock else None
     return DriveSignals(
         recording.name,
@@ -139,33 +139,37 @@ def _in_axes_of_car(imu: Channel, vehicle: Vehicle | None) -> tuple[Array, Array
 
 
 def _reference(
-    recording: Recording, vehicle: Vehicle | None, found: dict[str, tuple[NDArray[np.int64], Array]]
+    recording: Recording, vehicle: Vehicle | None, channels: dict[str, tuple[NDArray[np.int64], Array]]
 ) -> None:
     """Add what the reference knows: speed, yaw rate if there is no gyro, roll, and the side slip at cog."""
     signals = read_signals(recording, "reference")
     if "speed" not in signals:
         return
     stamp = signals["speed"].stamp
-    found["speed"] = (stamp, signals["speed"].value[:, 0])
-    if "yaw_rate" not in found and "yaw_rate" in signals:
-        found["yaw_rate"] = (signals["yaw_rate"].stamp, signals["yaw_rate"].value[:, 0])
+    channels["speed"] = (stamp, signals["speed"].value[:, 0])
+    if "yaw_rate" not in channels and "yaw_rate" in signals:
+        channels["yaw_rate"] = (signals["yaw_rate"].stamp, signals["yaw_rate"].value[:, 0])
     if "roll" in signals and np.ptp(signals["roll"].value) > 0:
-        found["roll"] = (signals["roll"].stamp, signals["roll"].value[:, 0])
-    if vehicle is None or not {"lateral_velocity", "longitudinal_velocity"} <= set(signals) or "yaw_rate" not in found:
+        channels["roll"] = (signals["roll"].stamp, signals["roll"].value[:, 0])
+    if (
+        vehicle is None
+        or not {"lateral_velocity", "longitudinal_velocity"} <= set(signals)
+        or "yaw_rate" not in channels
+    ):
         return
-    ahead, left = (signals[f"{way}_velocity"] for way in ("longitudinal", "lateral"))
-    if not np.array_equal(ahead.stamp, left.stamp):
+    longitudinal, lateral = (signals[f"{way}_velocity"] for way in ("longitudinal", "lateral"))
+    if not np.array_equal(longitudinal.stamp, lateral.stamp):
         return
     mounting = vehicle.reference
-    turning, value = found["yaw_rate"]
-    known = np.isfinite(value)
-    if not known.any():
+    turning, value = channels["yaw_rate"]
+    finite = np.isfinite(value)
+    if not finite.any():
         return
-    rate = np.interp(ahead.stamp, turning[known], value[known])
+    rate = np.interp(longitudinal.stamp, turning[finite], value[finite])
     cos, sin = np.cos(mounting.yaw), np.sin(mounting.yaw)
-    x = cos * ahead.value[:, 0] - sin * left.value[:, 0] + rate * mounting.position[1]
-    y = sin * ahead.value[:, 0] + cos * left.value[:, 0] - rate * mounting.position[0]
-    found["side_slip"] = (ahead.stamp, np.arctan2(y, np.maximum(x, 0.1)))
+    x = cos * longitudinal.value[:, 0] - sin * lateral.value[:, 0] + rate * mounting.position[1]
+    y = sin * longitudinal.value[:, 0] + cos * lateral.value[:, 0] - rate * mounting.position[0]
+    channels["side_slip"] = (longitudinal.stamp, np.arctan2(y, np.maximum(x, 0.1)))
 
 
 def _resampled(stamp: NDArray[np.int64], value: Array, clock: NDArray[np.int64]) -> tuple[Array, NDArray[np.bool_]]:
@@ -177,5 +181,5 @@ def _resampled(stamp: NDArray[np.int64], value: Array, clock: NDArray[np.int64])
     if len(stamp) < 2:
         return np.zeros(len(clock)), np.zeros(len(clock), dtype=bool)
     after = np.clip(np.searchsorted(stamp, clock), 1, len(stamp) - 1)
-    known = (stamp[after] - stamp[after - 1]) <= DRIVE_SIGNALS.longest_gap * 1e9
-    return np.interp(clock, stamp, value), known
+    covered = (stamp[after] - stamp[after - 1]) <= DRIVE_SIGNALS.longest_gap * 1e9
+    return np.interp(clock, stamp, value), covered

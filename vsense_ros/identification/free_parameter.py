@@ -75,20 +75,20 @@ def joined(free_parameters: Sequence[FreeParameter]) -> FreeParameter:
     """Several that are alike, as one that changes them all by the same offset."""
 
     def change(values: Values, offset: float) -> dict[str, float]:
-        found: dict[str, float] = {}
+        changed: dict[str, float] = {}
         for parameter in free_parameters:
-            found.update(parameter.apply({**values, **found}, offset))
-        return found
+            changed.update(parameter.apply({**values, **changed}, offset))
+        return changed
 
     return replace(free_parameters[0], name=" + ".join(parameter.name for parameter in free_parameters), apply=change)
 
 
 def _below(values: Values, name: str) -> Sequence[str]:
     """The number of a name, or all those below it. Raises `KeyError` if there is none."""
-    found = [name] if name in values else [number for number in values if number.startswith(f"{name}.")]
-    if not found:
+    numbers = [name] if name in values else [number for number in values if number.startswith(f"{name}.")]
+    if not numbers:
         raise KeyError(f"there is no number {name}")
-    return found
+    return numbers
 
 
 def with_offsets(

@@ -42,7 +42,7 @@ def of_vehicle(vehicle: Vehicle) -> dict[str, float]:
     front, rear = physics.front, physics.rear
     stiffness = [_roll(axle, axle.suspension_stiffness + 2 * axle.antiroll_stiffness) for axle in (front, rear)]
     damping = sum(_roll(axle, axle.suspension_damping) for axle in (front, rear))
-    found = {
+    values = {
         "front_weight": loads[0], "rear_weight": loads[1], "front_roll_centre_height": front.roll_centre_height,
         "rear_roll_centre_height": rear.roll_centre_height, "half_track": (front.track + rear.track) / 4,
         "wheelbase": wheelbase, "friction": physics.road.friction, "lag": HANDLING_DEFAULTS.lag,
@@ -52,11 +52,11 @@ def of_vehicle(vehicle: Vehicle) -> dict[str, float]:
     }  # fmt: skip
     for name, axle, load in (("front", front, loads[0]), ("rear", rear, loads[1])):
         for key, value in zip(TYRE, similar(axle, load / 2), strict=True):
-            found[f"{name}_{key}"] = value
-    height = chassis.cog_height - float(roll_axis_height(found))
-    found["roll_gradient"] = chassis.mass * height / (found["roll_stiffness"] - weight * height)
-    found["roll_inertia"] = chassis.roll_inertia + chassis.mass * height**2
-    return found
+            values[f"{name}_{key}"] = value
+    height = chassis.cog_height - float(roll_axis_height(values))
+    values["roll_gradient"] = chassis.mass * height / (values["roll_stiffness"] - weight * height)
+    values["roll_inertia"] = chassis.roll_inertia + chassis.mass * height**2
+    return values
 
 
 def deviations(vehicle: Vehicle) -> dict[str, float]:
@@ -66,7 +66,7 @@ def deviations(vehicle: Vehicle) -> dict[str, float]:
     `grip_scale`; both relative deviations carry over.
     """
     stated, values = vehicle.deviations(), of_vehicle(vehicle)
-    found = {
+    by_parameter = {
         name: stated[f"chassis.{name}"]
         for name in ("cog_height", "yaw_inertia")
         if stated.get(f"chassis.{name}", 0) > 0
@@ -76,11 +76,11 @@ def deviations(vehicle: Vehicle) -> dict[str, float]:
             deviation = stated.get(f"{axle}.{scale}", 0.0)
             if deviation > 0:
                 relative = deviation / float(getattr(getattr(vehicle.physics, axle), scale))
-                found[f"{axle}_{name}"] = relative * values[f"{axle}_{name}"]
+                by_parameter[f"{axle}_{name}"] = relative * values[f"{axle}_{name}"]
         height = f"{axle}.roll_centre_height"
         if stated.get(height, 0.0) > 0:
-            found[f"{axle}_roll_centre_height"] = stated[height]
-    return found
+            by_parameter[f"{axle}_roll_centre_height"] = stated[height]
+    return by_parameter
 
 
 def _relaxation_length(*axles: Axle) -> float:
@@ -153,7 +153,7 @@ def changes(vehicle: Vehicle, values: Mapping[str, float], determined: Iterable[
         for name in ("front", "rear") if f"{name}_stiffness" in determined
         for scale in ("grip_scale", "cornering_scale", "longitudinal_scale")
     }  # fmt: skip
-    data["uncertainty"] = {path: known for path, known in data["uncertainty"].items() if path not in replaced}
+    data["uncertainty"] = {path: deviation for path, deviation in data["uncertainty"].items() if path not in replaced}
     for sensor in data["sensors"].values():
         if sensor["kind"] == "steering":
             if "steering_gain" in determined:

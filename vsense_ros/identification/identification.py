@@ -106,39 +106,41 @@ def identify(
 
     Raises `InputError` where the recordings cannot determine anything, or the free parameters are none of the model.
     """
-    signals = [recorded.signals(one, vehicle) for one in recordings]
-    for one_recording in signals:
-        check_signs(one_recording)
+    signals = [recorded.signals(recording, vehicle) for recording in recordings]
+    for measured in signals:
+        check_signs(measured)
     recorded_drives = recorded.drives(signals, model)
-    one, prior = handling_identifier(vehicle, model, free, recorded_drives)
-    whole = one.model
-    assert isinstance(whole, WithSensorErrors)
-    start, wanted = one.values, tuple(name for name in one.free if name not in STEERING)
-    drives = [whole.drive(drive) for drive in recorded_drives]
-    weighed, rinsed, own = _estimated(one, drives, prior, model, part(progress, 0, 2))
-    refused = tuple(r for r in refusals(weighed, best_4dof.JUDGED_BY_CURVE) if r.name in wanted)
-    check_one_car(one, drives, own)
-    products = tuple(_products(one, drives, weighed, own))
-    if len(refused) == len(wanted) and not any(product.is_determined for product in products):
+    identifier, prior = handling_identifier(vehicle, model, free, recorded_drives)
+    with_errors = identifier.model
+    assert isinstance(with_errors, WithSensorErrors)
+    start, free_of_car = identifier.values, tuple(name for name in identifier.free if name not in STEERING)
+    drives = [with_errors.drive(drive) for drive in recorded_drives]
+    weighed, rinsed, weigh_some = _estimated(identifier, drives, prior, model, part(progress, 0, 2))
+    refused = tuple(r for r in refusals(weighed, best_4dof.JUDGED_BY_CURVE) if r.name in free_of_car)
+    check_one_car(identifier, drives, weigh_some)
+    products = tuple(_products(identifier, drives, weighed, weigh_some))
+    if len(refused) == len(free_of_car) and not any(product.is_determined for product in products):
         raise _undetermined(refused)
-    made = Identification(
-        model, vehicle, vehicle, start, wanted, weighed, rinsed, refused, products, tuple(drives), {}, {},
+    identification = Identification(
+        model, vehicle, vehicle, start, free_of_car, weighed, rinsed, refused, products, tuple(drives), {}, {},
         tuple(r.name for r in held_out),
     )  # fmt: skip
-    changed = _written(made)
-    others = recorded.drives([recorded.signals(r, vehicle) for r in held_out], model)
-    every = [*drives, *map(whole.drive, others)]
+    changed = _written(identification)
+    other_drives = recorded.drives([recorded.signals(r, vehicle) for r in held_out], model)
+    all_drives = [*drives, *map(with_errors.drive, other_drives)]
     verdict = judged(held_out or recordings, vehicle, changed, part(progress, 1, 2))
-    kept = vehicle if verdict is not None and verdict.is_worse else changed
-    made = replace(made, vehicle=kept, verdict=verdict, fits=fits(made, whole, every))
-    made = _with_side_slip(made, whole, [*recordings, *held_out], every)
+    final_vehicle = vehicle if verdict is not None and verdict.is_worse else changed
+    identification = replace(
+        identification, vehicle=final_vehicle, verdict=verdict, fits=fits(identification, with_errors, all_drives)
+    )
+    identification = _with_side_slip(identification, with_errors, [*recordings, *held_out], all_drives)
     if progress is not None:
         progress(1.0)
-    return made
+    return identification
 
 
 def _estimated(
-    one: Identifier, drives: Sequence[Drive], prior: Array, model: ModelName, progress: Progress | None
+    identifier: Identifier, drives: Sequence[Drive], prior: Array, model: ModelName, progress: Progress | None
 ) -> tuple[Information, Rinsed, Weigh]:
     """What the drives say of the parameters, by the method of the model; results as of `_by_likelihood`.
 
@@ -146,7 +148,7 @@ def _estimated(
     """
     method = _by_likelihood if MODELS[model].by_likelihood else _by_rinsing
     try:
-        return method(one, drives, prior, progress)
+        return method(identifier, drives, prior, progress)
     except FloatingPointError as error:
         raise InputError(
             f"the model {model} cannot follow {', '.join(d.name for d in drives)}: {error}. Are units and signs of the "
@@ -155,35 +157,35 @@ def _estimated(
 
 
 def _by_likelihood(
-    one: Identifier, drives: Sequence[Drive], prior: Array, progress: Progress | None
+    identifier: Identifier, drives: Sequence[Drive], prior: Array, progress: Progress | None
 ) -> tuple[Information, Rinsed, Weigh]:
     """What the drives say of the parameters by the likelihood of their outputs, how they were estimated, and what
     weighs some of the drives with noise of their own: what distinguishes two cars would else pass for noise of both."""
-    exact = Likelihood(one)
-    weighed, rinsed = exact.weigh(drives, one.begin(), one.begin(), prior, progress=progress)
-    together = exact.factors
+    likelihood = Likelihood(identifier)
+    weighed, rinsed = likelihood.weigh(drives, identifier.begin(), identifier.begin(), prior, progress=progress)
+    together = likelihood.factors
 
-    def own(some: Sequence[Drive]) -> Information:
-        exact.factors = together
-        return exact.weigh(some, weighed.values, one.begin(), prior)[0]
+    def weigh_some(selected: Sequence[Drive]) -> Information:
+        likelihood.factors = together
+        return likelihood.weigh(selected, weighed.values, identifier.begin(), prior)[0]
 
-    return weighed, rinsed, own
+    return weighed, rinsed, weigh_some
 
 
 def _by_rinsing(
-    one: Identifier, drives: Sequence[Drive], prior: Array, progress: Progress | None
+    identifier: Identifier, drives: Sequence[Drive], prior: Array, progress: Progress | None
 ) -> tuple[Information, Rinsed, Weigh]:
     """What the drives say of the parameters after passes of an identifying filter over them, how they were estimated,
     and what weighs some of the drives. What is not determined does not wander from pass to pass."""
-    left = information(one, drives, one.begin(), prior).left
-    one.scales = prior / best.SETTINGS.prior_share * np.clip(1 - left**2, 1e-3, 1.0)
-    rinsed = rinse(one, drives, Schedule(passes=IDENTIFICATION.most_passes), progress=progress)
-    weighed = weigh(one, drives, rinsed.values, one.begin(), prior)
+    remaining = information(identifier, drives, identifier.begin(), prior).remaining_share
+    identifier.scales = prior / best.SETTINGS.prior_share * np.clip(1 - remaining**2, 1e-3, 1.0)
+    rinsed = rinse(identifier, drives, Schedule(passes=IDENTIFICATION.most_passes), progress=progress)
+    weighed = weigh(identifier, drives, rinsed.values, identifier.begin(), prior)
 
-    def own(some: Sequence[Drive]) -> Information:
-        return weigh(one, some, weighed.values, one.begin(), prior)
+    def weigh_some(selected: Sequence[Drive]) -> Information:
+        return weigh(identifier, selected, weighed.values, identifier.begin(), prior)
 
-    return weighed, rinsed, own
+    return weighed, rinsed, weigh_some
 
 
 def _undetermined(refused: Sequence[Refusal]) -> InputError:
@@ -191,15 +193,15 @@ def _undetermined(refused: Sequence[Refusal]) -> InputError:
     return InputError(f"the drives determine none of the free parameters: {reasons}")
 
 
-def _written(made: Identification) -> Vehicle:
+def _written(identification: Identification) -> Vehicle:
     """The vehicle with what was determined, and how well. Raises `InputError` where that makes no car."""
-    names = {*made.determined, "steering_gain", "steering_delay"}
+    names = {*identification.determined, "steering_gain", "steering_delay"}
     try:
-        changed = handling_values.changes(made.vehicle, made.values, names)
+        changed = handling_values.changes(identification.vehicle, identification.values, names)
     except ValueError as error:
         raise InputError(f"the parameters that were found make no car: {error}") from None
-    source = "identified by " + ", ".join(drive.name for drive in made.drives)
-    return handling_values.with_uncertainty(changed, made.file_deviations, source)
+    source = "identified by " + ", ".join(drive.name for drive in identification.drives)
+    return handling_values.with_uncertainty(changed, identification.file_deviations, source)
 
 
 def _noise(vehicle: Vehicle, model: Rates, least: Sequence[float]) -> list[float]:
@@ -208,11 +210,11 @@ def _noise(vehicle: Vehicle, model: Rates, least: Sequence[float]) -> list[float
     if imu is None:
         return list(least)
     rates, forces = imu.deviations()[:3], imu.deviations()[3:6]
-    own = {
+    sensor_noise = {
         "longitudinal_acceleration": forces[0], "lateral_acceleration": forces[1], "roll_rate": rates[0],
         "yaw_rate": rates[2],
     }  # fmt: skip
-    return [max(float(own[name]), one) for name, one in zip(model.outputs, least, strict=True)]
+    return [max(float(sensor_noise[name]), least_noise) for name, least_noise in zip(model.outputs, least, strict=True)]
 
 
 def handling_identifier(
@@ -221,42 +223,44 @@ def handling_identifier(
     """An identifier of a handling model with the parameters of a vehicle file, of which some are free, then the errors
     of its sensors; and the prior deviations of all these. The noise of the outputs is estimated from `drives` if there
     are any, else taken from the vehicle file. Raises `InputError` for a free parameter that the model does not have."""
-    how = MODELS[model]
-    base = how.make()
-    wanted = tuple(free) or how.free
-    check_free(wanted, base.parameters, model)
-    whole = WithSensorErrors(base)
+    settings = MODELS[model]
+    base = settings.make()
+    free_names = tuple(free) or settings.free
+    check_free(free_names, base.parameters, model)
+    with_errors = WithSensorErrors(base)
     start = {name: value for name, value in handling_values.of_vehicle(vehicle).items() if name in base.parameters}
     start |= {"steering_gain": 1.0, "steering_offset": 0.0, "steering_delay": 0.0}
-    prior = np.array([*_prior(vehicle, start, wanted, [drive.name for drive in drives]), *_steering_prior(vehicle)])
-    if how.by_likelihood and drives:
-        outputs = np.maximum(np.sqrt(np.mean([np.square(drive.noise) for drive in drives], axis=0)), how.noise.outputs)
+    prior = np.array([*_prior(vehicle, start, free_names, [drive.name for drive in drives]), *_steering_prior(vehicle)])
+    if settings.by_likelihood and drives:
+        outputs = np.maximum(
+            np.sqrt(np.mean([np.square(drive.noise) for drive in drives], axis=0)), settings.noise.outputs
+        )
     else:
-        outputs = np.array(_noise(vehicle, base, how.noise.outputs))
-    errors = [*how.offsets.values(), *(WANDERING[name] for name in whole.wandering)]
-    off, drift = zip(*errors, strict=True)
-    disturbances = {**how.noise.disturbances, **dict(zip(whole.errors, drift, strict=True))}
-    noise = Noise(outputs.tolist(), (*how.noise.start, *off), disturbances)
-    one = Identifier(
-        whole, start, (*wanted, *STEERING), noise, curves=_curves(start, model),
+        outputs = np.array(_noise(vehicle, base, settings.noise.outputs))
+    errors = [*settings.offsets.values(), *(WANDERING[name] for name in with_errors.wandering)]
+    offsets, drift = zip(*errors, strict=True)
+    disturbances = {**settings.noise.disturbances, **dict(zip(with_errors.errors, drift, strict=True))}
+    noise = Noise(outputs.tolist(), (*settings.noise.start, *offsets), disturbances)
+    identifier = Identifier(
+        with_errors, start, (*free_names, *STEERING), noise, curves=_curves(start, model),
         scales=prior / best.SETTINGS.prior_share, bounds=best_4dof.BOUNDS,
     )  # fmt: skip
-    return one, prior
+    return identifier, prior
 
 
-def _prior(vehicle: Vehicle, start: Mapping[str, float], wanted: Sequence[str], drives: Sequence[str]) -> Array:
+def _prior(vehicle: Vehicle, start: Mapping[str, float], free_names: Sequence[str], drives: Sequence[str]) -> Array:
     """Prior standard deviations (p,) of the free parameters: those of the vehicle file, else those of `best.prior`.
 
     A deviation that comes from one of the same drives is left out, so that no drive counts twice.
     """
     independent = {
-        path: known
-        for path, known in vehicle.uncertainty.items()
-        if not any(name in known.source for name in drives if name)
+        path: deviation
+        for path, deviation in vehicle.uncertainty.items()
+        if not any(name in deviation.source for name in drives if name)
     }
     stated = handling_values.deviations(vehicle.model_copy(update={"uncertainty": independent}))
-    usual = best.prior(start, wanted)
-    return np.array([stated.get(name, default) for name, default in zip(wanted, usual.tolist(), strict=True)])
+    usual = best.prior(start, free_names)
+    return np.array([stated.get(name, default) for name, default in zip(free_names, usual.tolist(), strict=True)])
 
 
 def _steering_prior(vehicle: Vehicle) -> tuple[float, float, float]:
@@ -267,51 +271,58 @@ def _steering_prior(vehicle: Vehicle) -> tuple[float, float, float]:
     is free beside the tyres takes up what a single track lacks in tight bends, at the expense of the front stiffness.
     """
     gain, offset, delay = IDENTIFICATION.steering_prior
-    known = vehicle.uncertainty.get("physics.steering.ratio")
-    if known is not None:
-        gain = min(gain, known.deviation / abs(vehicle.physics.steering.ratio))
+    stated = vehicle.uncertainty.get("physics.steering.ratio")
+    if stated is not None:
+        gain = min(gain, stated.deviation / abs(vehicle.physics.steering.ratio))
     return gain, offset, delay
 
 
-def check_free(wanted: Sequence[str], known: Sequence[str], model: str) -> None:
+def check_free(names: Sequence[str], parameters: Sequence[str], model: str) -> None:
     """Raises `InputError` for a name that is no parameter of the model."""
-    for name in wanted:
-        if name not in known:
-            near = get_close_matches(name, known, 3, 0.5) or known
+    for name in names:
+        if name not in parameters:
+            near = get_close_matches(name, parameters, 3, 0.5) or parameters
             raise InputError(f"--free: the model {model} has no parameter {name!r}; nearest are {', '.join(near)}")
 
 
-def check_signs(one: Signals) -> None:
+def check_signs(signals: Signals) -> None:
     """Raises `InputError` for a signal that goes against another that it should go with."""
-    moving = one.known
-    turned = one.rates[:, 2] * one.speed
-    slowly = np.convolve(np.gradient(one.speed, recorded.RECORDED.step), np.ones(100) / 100, "same")
+    driving = signals.known
+    centripetal = signals.rates[:, 2] * signals.speed
+    speed_change = np.convolve(np.gradient(signals.speed, recorded.RECORDED.step), np.ones(100) / 100, "same")
     pairs = (
-        ("the lateral acceleration", one.forces[:, 1], "yaw rate times speed", turned, 0.3),
-        ("the steering angle", one.steering * one.speed**2, "yaw rate times speed", turned, 0.3),
-        ("the steering angle", one.steering * one.speed**2, "the lateral acceleration", one.forces[:, 1], 0.3),
-        ("the longitudinal acceleration", one.forces[:, 0], "the change of speed", slowly, 0.3),
+        ("the lateral acceleration", signals.forces[:, 1], "yaw rate times speed", centripetal, 0.3),
+        ("the steering angle", signals.steering * signals.speed**2, "yaw rate times speed", centripetal, 0.3),
+        (
+            "the steering angle",
+            signals.steering * signals.speed**2,
+            "the lateral acceleration",
+            signals.forces[:, 1],
+            0.3,
+        ),
+        ("the longitudinal acceleration", signals.forces[:, 0], "the change of speed", speed_change, 0.3),
     )
-    for name, signal, other, with_it, least in pairs:
-        good = moving & np.isfinite(signal) & np.isfinite(with_it)
-        if good.sum() < 500 or np.std(with_it[good]) < least or np.std(signal[good]) == 0:
+    for name, signal, reference_name, reference, least in pairs:
+        good = driving & np.isfinite(signal) & np.isfinite(reference)
+        if good.sum() < 500 or np.std(reference[good]) < least or np.std(signal[good]) == 0:
             continue
-        correlation = float(np.corrcoef(signal[good], with_it[good])[0, 1])
+        correlation = float(np.corrcoef(signal[good], reference[good])[0, 1])
         if correlation < IDENTIFICATION.reversed_correlation:
             raise InputError(
-                f"{one.name}: {name} goes against {other} (correlation {correlation:+.2f}): one of the two has the "
-                "wrong sign. Axes are ISO 8855: x forward, y left, positive steering to the left; set attitude or gain "
+                f"{signals.name}: {name} goes against {reference_name} (correlation {correlation:+.2f}): one of the "
+                "two has the wrong sign. Axes are ISO 8855: x forward, y left, positive steering to the left; set "
+                "attitude or gain "
                 "of the sensor in the vehicle file, or the sign in the mapping of the importer"
             )
 
 
-def check_one_car(one: Identifier, drives: Sequence[Drive], own: Weigh) -> None:
+def check_one_car(identifier: Identifier, drives: Sequence[Drive], weigh_some: Weigh) -> None:
     """Raises `InputError` for drives whose cornering stiffnesses are those of two cars."""
     if len(drives) < 2:
         return
-    alone = [own([drive]) for drive in drives]
+    by_drive = [weigh_some([drive]) for drive in drives]
     for axle in AXLES:
-        stiffness = [cornering_stiffness(found, axle, one.values) for found in alone]
+        stiffness = [cornering_stiffness(weighed, axle, identifier.values) for weighed in by_drive]
         for i, (a, s) in enumerate(stiffness):
             for j, (b, t) in enumerate(stiffness[:i]):
                 if abs(a - b) > max(
@@ -325,37 +336,39 @@ def check_one_car(one: Identifier, drives: Sequence[Drive], own: Weigh) -> None:
                     )
 
 
-def cornering_stiffness(found: Information, axle: str, start: Mapping[str, float]) -> tuple[float, float]:
+def cornering_stiffness(weighed: Information, axle: str, start: Mapping[str, float]) -> tuple[float, float]:
     """D C_α of an axle's tyres and its standard deviation [N/rad]."""
-    known = dict(start) | dict(zip(found.names, found.values.tolist(), strict=True))
+    values = dict(start) | dict(zip(weighed.names, weighed.values.tolist(), strict=True))
     names = (f"{axle}_stiffness", f"{axle}_peak")
-    gradient = np.zeros(len(found.names))
-    for name, other in (names, names[::-1]):
-        if name in found.names:
-            gradient[found.names.index(name)] = known[other]
-    return known[names[0]] * known[names[1]], found.deviation_of(gradient)
+    gradient = np.zeros(len(weighed.names))
+    for name, factor in (names, names[::-1]):
+        if name in weighed.names:
+            gradient[weighed.names.index(name)] = values[factor]
+    return values[names[0]] * values[names[1]], weighed.deviation_of(gradient)
 
 
-def _products(one: Identifier, drives: Sequence[Drive], weighed: Information, own: Weigh) -> list[Product]:
-    axles = [axle for axle in AXLES if {f"{axle}_stiffness", f"{axle}_peak"} & set(one.free)]
+def _products(
+    identifier: Identifier, drives: Sequence[Drive], weighed: Information, weigh_some: Weigh
+) -> list[Product]:
+    axles = [axle for axle in AXLES if {f"{axle}_stiffness", f"{axle}_peak"} & set(identifier.free)]
     if not axles:
         return []
     halves: list[list[Drive]] = [[], []]
     for drive in drives:
         middle = len(drive.inputs) // 2
         halves[0].append(drive.part(0, middle, drive.start))
-        begun = drive.start.copy()
-        if isinstance(getattr(one.model, "model", None), Best4Dof):
-            begun[0] = float(np.mean(drive.inputs[middle, 1:5])) * one.values["wheel_radius"]
-        halves[1].append(drive.part(middle, len(drive.inputs), begun))
-    said = [own(half) for half in halves]
-    made = []
+        start = drive.start.copy()
+        if isinstance(getattr(identifier.model, "model", None), Best4Dof):
+            start[0] = float(np.mean(drive.inputs[middle, 1:5])) * identifier.values["wheel_radius"]
+        halves[1].append(drive.part(middle, len(drive.inputs), start))
+    of_halves = [weigh_some(half) for half in halves]
+    products = []
     for axle in axles:
-        value, deviation = cornering_stiffness(weighed, axle, one.values)
-        first, second = (cornering_stiffness(half, axle, one.values) for half in said)
+        value, deviation = cornering_stiffness(weighed, axle, identifier.values)
+        first, second = (cornering_stiffness(half, axle, identifier.values) for half in of_halves)
         before = best.SETTINGS.prior_share * 2**0.5 * value
-        made.append(Product(axle, value, deviation, (first, second), deviation < 0.6 * before))
-    return made
+        products.append(Product(axle, value, deviation, (first, second), deviation < 0.6 * before))
+    return products
 
 
 def _curves(start: Mapping[str, float], model: str) -> Any:
@@ -364,37 +377,37 @@ def _curves(start: Mapping[str, float], model: str) -> Any:
     peak = best_4dof.curves(full).max(axis=1)[:, None]
 
     def curves(values: Mapping[str, float]) -> Array:
-        found = best_4dof.curves({name: values.get(name, full[name]) for name in full}) / peak
-        return found if model == "best" else found[[0, 2]]
+        scaled_curves = best_4dof.curves({name: values.get(name, full[name]) for name in full}) / peak
+        return scaled_curves if model == "best" else scaled_curves[[0, 2]]
 
     return curves
 
 
 def fits(
-    made: Identification, model: WithSensorErrors, drives: Sequence[Drive]
+    identification: Identification, model: WithSensorErrors, drives: Sequence[Drive]
 ) -> dict[str, dict[str, tuple[float, float]]]:
     """Fit of the model alone, before and after: 1 - standard deviation of the error / that of the output, NaN where it
     cannot follow. A mean error is an offset of the sensor."""
-    found: dict[str, dict[str, tuple[float, float]]] = {}
-    errors = {name: value for name, value in made.values.items() if name in STEERING}
+    fits_by_drive: dict[str, dict[str, tuple[float, float]]] = {}
+    errors = {name: value for name, value in identification.values.items() if name in STEERING}
     for drive in drives:
         pair = []
-        for values in (made.start | errors, made.values):
-            one = OpenLoop(model, values, (STEERING[0],))
+        for values in (identification.start | errors, identification.values):
+            alone = OpenLoop(model, values, (STEERING[0],))
             try:
-                outputs = one.outputs(drive, np.array([values[STEERING[0]]]))
+                outputs = alone.outputs(drive, np.array([values[STEERING[0]]]))
                 rms = (outputs - drive.outputs).std(axis=0)
                 pair.append(1 - rms / np.maximum(drive.outputs.std(axis=0), 1e-9))
             except FloatingPointError:
                 pair.append(np.full(len(model.outputs), np.nan))
-        found[drive.name] = {
+        fits_by_drive[drive.name] = {
             name: (float(pair[0][i]), float(pair[1][i])) for i, name in enumerate(model.outputs)
         }  # fmt: skip
-    return found
+    return fits_by_drive
 
 
 def _with_side_slip(
-    made: Identification, model: WithSensorErrors, recordings: Sequence[Recording], drives: Sequence[Drive]
+    identification: Identification, model: WithSensorErrors, recordings: Sequence[Recording], drives: Sequence[Drive]
 ) -> Identification:
     """With the RMSE of the side slip of the model alone [rad], of recordings with a reference, and where that sits.
 
@@ -404,28 +417,32 @@ def _with_side_slip(
     parts = {}
     for recording, drive in zip(recordings, drives, strict=True):
         if "reference/odometry" in recording:
-            parts[drive.name] = _slip_error(made, model, recording, drive)
-    fitted = [parts[drive.name] for drive in made.drives if drive.name in parts]
+            parts[drive.name] = _slip_error(identification, model, recording, drive)
+    fitted = [parts[drive.name] for drive in identification.drives if drive.name in parts]
     if not fitted:
-        return made
+        return identification
     columns = np.concatenate([np.column_stack([turning, np.ones(len(turning))]) for _, turning in fitted])
     mounting = np.linalg.lstsq(columns, np.concatenate([error for error, _ in fitted]), rcond=None)[0]
-    found = {
+    errors_by_drive = {
         name: float(np.sqrt(np.mean((error - turning * mounting[0] - mounting[1]) ** 2)))
         for name, (error, turning) in parts.items()
     }
-    known = made.vehicle.reference
-    place = (float(mounting[0]), *known.position[1:])
-    reference = known.model_copy(update={"position": place, "yaw": -float(mounting[1])})
-    return replace(made, side_slip=found, vehicle=made.vehicle.model_copy(update={"reference": reference}))
+    reference_mounting = identification.vehicle.reference
+    place = (float(mounting[0]), *reference_mounting.position[1:])
+    reference = reference_mounting.model_copy(update={"position": place, "yaw": -float(mounting[1])})
+    return replace(
+        identification,
+        side_slip=errors_by_drive,
+        vehicle=identification.vehicle.model_copy(update={"reference": reference}),
+    )
 
 
 def _slip_error(
-    made: Identification, model: WithSensorErrors, recording: Recording, drive: Drive
+    identification: Identification, model: WithSensorErrors, recording: Recording, drive: Drive
 ) -> tuple[Array, Array]:
     """Side slip of the reference less that of the model at the centre of gravity [rad], and yaw rate over speed [1/m],
     (N,) each, where the car drives."""
-    truth, values, names = recording["reference/odometry"], made.values, model.states
+    truth, values, names = recording["reference/odometry"], identification.values, model.states
     states = OpenLoop(model, values, STEERING[:1]).states(drive, np.array([values[STEERING[0]]]))
     lateral, yaw = (states[:, names.index(name)] for name in ("lateral_velocity", "yaw_rate"))
     speed = states[:, 0] if names[0] == "speed" else drive.inputs[:, 1]

@@ -24,51 +24,53 @@ from vsense_ros.model.handling.best_4dof import PAPER, REACH, Best4Dof
 _STEP = 1e-4  # of a prior deviation, for slopes of curves
 
 
-def content(found: Identification) -> dict[str, Any]:
+def content(identification: Identification) -> dict[str, Any]:
     """As JSON."""
     return {
-        "model": found.model,
-        "vehicle": found.before.name,
+        "model": identification.model,
+        "vehicle": identification.before.name,
         "parameters": {
             name: {
-                "before": found.start[name], "value": float(found.found.values[i]),
-                "deviation": float(found.found.deviations[i]), "determined": name in found.determined,
+                "before": identification.start[name], "value": float(identification.information.values[i]),
+                "deviation": float(identification.information.deviations[i]),
+                "determined": name in identification.determined,
             }
-            for i, name in enumerate(found.found.names)
+            for i, name in enumerate(identification.information.names)
         },
         "cornering_stiffness": {
             p.axle: {"value": p.value, "deviation": p.deviation, "determined": p.is_determined, "halves": p.halves}
-            for p in found.products
+            for p in identification.products
         },
-        "refused": {refusal.name: str(refusal) for refusal in found.refused},
-        "passes": len(found.rinsed.passes),
-        "settled": found.rinsed.settled,
-        "fits": found.fits,
-        "side_slip_rmse_deg": {name: float(np.degrees(value)) for name, value in found.side_slip.items()},
-        "sentences": found.sentences(),
+        "refused": {refusal.name: str(refusal) for refusal in identification.refused},
+        "passes": len(identification.rinsed.passes),
+        "settled": identification.rinsed.settled,
+        "fits": identification.fits,
+        "side_slip_rmse_deg": {name: float(np.degrees(value)) for name, value in identification.side_slip.items()},
+        "sentences": identification.sentences(),
     }  # fmt: skip
 
 
-def write(found: Identification, folder: Path) -> Path:
+def write(identification: Identification, folder: Path) -> Path:
     """Write identification.json and report.html into a folder; returns the page."""
     folder.mkdir(parents=True, exist_ok=True)
     with atomic_write(folder / "identification.json") as file:
-        file.write(json.dumps(content(found), indent=2) + "\n")
+        file.write(json.dumps(content(identification), indent=2) + "\n")
     return write_page(
         folder / "report.html", "vsense_ros.identification", "identification.html.j2",
-        title=f"{found.before.name}: parameters identified", found=found, rows=found.rows(),
-        degrees={name: f"{np.degrees(value):.3f}" for name, value in found.side_slip.items()},
-        pictures=[(title, _encoded(figure)) for title, figure in pictures(found).items()],
+        title=f"{identification.before.name}: parameters identified", identification=identification,
+        rows=identification.rows(),
+        degrees={name: f"{np.degrees(value):.3f}" for name, value in identification.side_slip.items()},
+        pictures=[(title, _encoded(figure)) for title, figure in pictures(identification).items()],
     )  # fmt: skip
 
 
-def pictures(found: Identification) -> Mapping[str, Figure]:
+def pictures(identification: Identification) -> Mapping[str, Figure]:
     """By title."""
     with matplotlib.rc_context(dict(STYLE)):
         return {
-            "Force curves with one standard deviation": _curves(found),
-            "Convergence: parameters by pass": _convergence(found),
-            "Correlation of the parameters": _correlation(found),
+            "Force curves with one standard deviation": _curves(identification),
+            "Convergence: parameters by pass": _convergence(identification),
+            "Correlation of the parameters": _correlation(identification),
         }
 
 
@@ -85,30 +87,30 @@ def _figure(width: float, height: float) -> Figure:
     return figure
 
 
-def forces(found: Identification, values: Mapping[str, float]) -> Array:
+def forces(identification: Identification, values: Mapping[str, float]) -> Array:
     """Force curves (4, q) [N]; parameters that the model does not have are those of the file."""
-    full = {name: values.get(name, found.start.get(name, PAPER[name])) for name in Best4Dof.parameters}
+    full = {name: values.get(name, identification.start.get(name, PAPER[name])) for name in Best4Dof.parameters}
     return best_4dof.curves(full)
 
 
-def curve_bands(found: Identification) -> tuple[Array, Array]:
+def curve_bands(identification: Identification) -> tuple[Array, Array]:
     """Force curves (4, q) and their standard deviations [N], by the slopes along each parameter."""
-    names, values = found.found.names, found.found.values
-    known = found.start | dict(zip(names, values.tolist(), strict=True))
-    middle, slopes = forces(found, known), []
+    names, values = identification.information.names, identification.information.values
+    values_by_name = identification.start | dict(zip(names, values.tolist(), strict=True))
+    middle, slopes = forces(identification, values_by_name), []
     for i, name in enumerate(names):
-        step = _STEP * found.found.prior[i]
-        slopes.append((forces(found, known | {name: known[name] + step}) - middle) / step)
-    by = np.array(slopes)
-    variance = np.einsum("icq,ij,jcq->cq", by, found.found.covariance, by)
+        step = _STEP * identification.information.prior[i]
+        slopes.append((forces(identification, values_by_name | {name: values_by_name[name] + step}) - middle) / step)
+    by_parameter = np.array(slopes)
+    variance = np.einsum("icq,ij,jcq->cq", by_parameter, identification.information.covariance, by_parameter)
     return middle, np.sqrt(np.maximum(variance, 0.0))
 
 
-def _curves(found: Identification) -> Figure:
-    shown = [name for name in REACH if found.model == "best" or "lateral" in name]
+def _curves(identification: Identification) -> Figure:
+    shown = [name for name in REACH if identification.model == "best" or "lateral" in name]
     figure = _figure(3.4 * len(shown), 3.2)
-    middle, band = curve_bands(found)
-    before = forces(found, found.start)
+    middle, band = curve_bands(identification)
+    before = forces(identification, identification.start)
     for axes, name in zip(figure.subplots(1, len(shown), squeeze=False)[0], shown, strict=True):
         i, slips = list(REACH).index(name), best_4dof.curve_slips(name)
         low, high = (middle[i] - band[i]) / 1e3, (middle[i] + band[i]) / 1e3
@@ -121,17 +123,17 @@ def _curves(found: Identification) -> Figure:
     return figure
 
 
-def _convergence(found: Identification) -> Figure:
-    names = found.found.names
+def _convergence(identification: Identification) -> Figure:
+    names = identification.information.names
     columns = 5
     figure = _figure(14, 2.1 * (-(-len(names) // columns)))
     panels = np.ravel(figure.subplots(-(-len(names) // columns), columns, squeeze=False))
     for axes in panels[len(names) :]:
         axes.set_axis_off()
     for i, (axes, name) in enumerate(zip(panels, names, strict=False)):
-        way = [found.start[name], *(made.values[i] for made in found.rinsed.passes)]
-        axes.plot(range(len(way)), way, "o-", markersize=3, color=ESTIMATE)
-        value, deviation = found.found.values[i], found.found.deviations[i]
+        course = [identification.start[name], *(filter_pass.values[i] for filter_pass in identification.rinsed.passes)]
+        axes.plot(range(len(course)), course, "o-", markersize=3, color=ESTIMATE)
+        value, deviation = identification.information.values[i], identification.information.deviations[i]
         axes.axhspan(value - deviation, value + deviation, color=BAND, alpha=0.5, linewidth=0)
         axes.axhline(value, color=ESTIMATE, linewidth=0.7)
         unit = unit_of(name)
@@ -139,11 +141,11 @@ def _convergence(found: Identification) -> Figure:
     return figure
 
 
-def _correlation(found: Identification) -> Figure:
-    names = [name.replace("_", " ") for name in found.found.names]
+def _correlation(identification: Identification) -> Figure:
+    names = [name.replace("_", " ") for name in identification.information.names]
     figure = _figure(1.5 + 0.42 * len(names), 1.0 + 0.38 * len(names))
     axes = figure.subplots()
-    image = axes.imshow(found.found.correlation, vmin=-1, vmax=1, cmap="RdBu_r")
+    image = axes.imshow(identification.information.correlation, vmin=-1, vmax=1, cmap="RdBu_r")
     axes.set_xticks(range(len(names)), names, rotation=90)
     axes.set_yticks(range(len(names)), names)
     axes.grid(False)

@@ -57,14 +57,14 @@ class Product:
 
 @dataclass(frozen=True, repr=False)
 class Identification(Printable):
-    """What came out. `found` is about the free parameters of the model, then the errors of the sensors."""
+    """What came out. `information` is about the free parameters of the model, then the errors of the sensors."""
 
     model: str
     before: Vehicle
     vehicle: Vehicle
     start: dict[str, float]
     free: tuple[str, ...]
-    found: Information
+    information: Information
     rinsed: Rinsed
     refused: tuple[Refusal, ...]
     products: tuple[Product, ...]
@@ -109,26 +109,28 @@ class Identification(Printable):
         """Rows for the free parameters and the errors of the sensors: name, before, after, standard deviation, unit,
         verdict."""
         refused = {refusal.name: refusal for refusal in self.refused}
-        made = []
-        for name, value, deviation in zip(self.found.names, self.found.values, self.found.deviations, strict=True):
+        rows = []
+        for name, value, deviation in zip(
+            self.information.names, self.information.values, self.information.deviations, strict=True
+        ):
             verdict = "refused" if name in refused else "determined" if name in self.free else "sensor"
-            made.append((name, f"{self.start[name]:.4g}", f"{value:.4g}", f"{deviation:.2g}", unit_of(name), verdict))
+            rows.append((name, f"{self.start[name]:.4g}", f"{value:.4g}", f"{deviation:.2g}", unit_of(name), verdict))
         for product in self.products:
             before = self.start[f"{product.axle}_stiffness"] * self.start[f"{product.axle}_peak"]
             verdict = "determined" if product.is_determined else "refused"
             name = f"{product.axle} cornering stiffness, D C_α"
-            made.append((name, f"{before:.4g}", f"{product.value:.4g}", f"{product.deviation:.2g}", "N/rad", verdict))
-        return made
+            rows.append((name, f"{before:.4g}", f"{product.value:.4g}", f"{product.deviation:.2g}", "N/rad", verdict))
+        return rows
 
     @property
     def values(self) -> dict[str, float]:
         """All parameters of the model: those that are determined as identified, the rest as in the file."""
-        known = self.start | dict(zip(self.found.names, self.found.values.tolist(), strict=True))
-        kept = {refusal.name: self.start[refusal.name] for refusal in self.refused}
+        identified = self.start | dict(zip(self.information.names, self.information.values.tolist(), strict=True))
+        replaced = {refusal.name: self.start[refusal.name] for refusal in self.refused}
         for product in self.products:
             if product.is_determined:
-                kept[f"{product.axle}_stiffness"] = product.value / (known | kept)[f"{product.axle}_peak"]
-        return known | kept
+                replaced[f"{product.axle}_stiffness"] = product.value / (identified | replaced)[f"{product.axle}_peak"]
+        return identified | replaced
 
     @property
     def determined(self) -> tuple[str, ...]:
@@ -141,18 +143,20 @@ class Identification(Printable):
     def file_deviations(self) -> dict[str, float]:
         """Standard deviations of the numbers of the vehicle file that are identified, by dotted path. The cornering
         stiffness and the largest force of an axle stand in its tyre, so those of its scales are relative [-]."""
-        known = {name: self.found.deviations[self.found.names.index(name)] for name in self.free}
-        found = {
-            f"physics.chassis.{name}": float(known[name])
+        deviation_by_name = {
+            name: self.information.deviations[self.information.names.index(name)] for name in self.free
+        }
+        by_path = {
+            f"physics.chassis.{name}": float(deviation_by_name[name])
             for name in ("cog_height", "yaw_inertia")
             if name in self.determined
         }
         for product in self.products:
             if product.is_determined:
-                found[f"physics.{product.axle}.cornering_scale"] = product.deviation / product.value
+                by_path[f"physics.{product.axle}.cornering_scale"] = product.deviation / product.value
             if (peak := f"{product.axle}_peak") in self.determined:
-                found[f"physics.{product.axle}.grip_scale"] = float(known[peak]) / self.values[peak]
-        return found
+                by_path[f"physics.{product.axle}.grip_scale"] = float(deviation_by_name[peak]) / self.values[peak]
+        return by_path
 
     def sentences(self) -> list[str]:
         """Parameters that are not determined, why, and what would help; those that can hardly be separated."""
@@ -173,14 +177,14 @@ class Identification(Printable):
                     f"{product.deviation:.2g} N/rad"
                 )
             lines.append(f"{refusal}. {outcome}. To determine it{alone}, {advice(refusal.name)}.")
-        weakest = self.found.weakest(
-            best_4dof.JUDGED_BY_CURVE + tuple(n for n in self.found.names if n not in self.free)
+        weakest = self.information.weakest(
+            best_4dof.JUDGED_BY_CURVE + tuple(n for n in self.information.names if n not in self.free)
         )
         lines.append(f"The combination of parameters that is determined least, relative to each alone, is {weakest}.")
         lines += [
-            f"{one} and {other} are hard to separate (correlation {correlation:+.2f})."
-            for one, other, correlation in self.found.pairs()
-            if one in self.free and other in self.free
+            f"{first} and {second} are hard to separate (correlation {correlation:+.2f})."
+            for first, second, correlation in self.information.pairs()
+            if first in self.free and second in self.free
         ]
         if not self.rinsed.settled:
             lines.append(

@@ -68,7 +68,7 @@ class Information:
         return np.array([self.deviation_of(direction) for direction in np.eye(len(self.names))])
 
     @property
-    def left(self) -> Array:
+    def remaining_share(self) -> Array:
         """Share of the prior deviation that remains, (p,)."""
         return self.deviations / self.prior
 
@@ -118,20 +118,20 @@ class Information:
 
     def without(self, name: str) -> Information:
         """The information if one parameter were known, at its present value."""
-        stay = [i for i, one in enumerate(self.names) if one != name]
-        square = np.ix_(stay, stay)
+        remaining = [i for i, other in enumerate(self.names) if other != name]
+        square = np.ix_(remaining, remaining)
         return Information(
-            tuple(self.names[i] for i in stay), self.values[stay], self.prior[stay], self.scaled[square],
-            self.disagreement, None if self.pieces is None else self.pieces[:, stay],
+            tuple(self.names[i] for i in remaining), self.values[remaining], self.prior[remaining], self.scaled[square],
+            self.disagreement, None if self.pieces is None else self.pieces[:, remaining],
         )  # fmt: skip
 
     def pairs(self) -> list[tuple[str, str, float]]:
         """Parameters that the drive can hardly tell apart, with their correlation, the closest first."""
-        found = [
+        pairs = [
             (self.names[i], self.names[j], float(self.correlation[i, j]))
             for i in range(len(self.names)) for j in range(i) if abs(self.correlation[i, j]) >= INFORMATION.correlated
         ]  # fmt: skip
-        return sorted(found, key=lambda pair: -abs(pair[2]))
+        return sorted(pairs, key=lambda pair: -abs(pair[2]))
 
 
 def information(identifier: Identifier, drives: Sequence[Drive], values: Array, prior: Array) -> Information:
@@ -149,21 +149,21 @@ def weigh(identifier: Identifier, drives: Sequence[Drive], values: Array, start:
     from `values` (p,), where passes have ended, with the prior around `start` (p,). A direction that the drives do not
     determine goes back to where it started. Raises `FloatingPointError` where a pass cannot go on."""
     values = np.asarray(values, dtype=float)
-    found, score = _with_score(identifier, drives, values, prior)
+    weighed, score = _with_score(identifier, drives, values, prior)
     for _ in range(INFORMATION.most_steps):
-        step = np.linalg.solve(found.scaled + np.eye(len(prior)), score + (start - values) / prior)
+        step = np.linalg.solve(weighed.scaled + np.eye(len(prior)), score + (start - values) / prior)
         step *= min(1.0, INFORMATION.longest_step / max(float(np.abs(step).max()), 1e-12))
         inside = 0.01 * (identifier.high - identifier.low)
         inside[~np.isfinite(inside)] = 0.0
         new = np.clip(values + prior * step, identifier.low + inside, identifier.high - inside)
         try:
-            found, score = _with_score(identifier, drives, new, prior)
+            weighed, score = _with_score(identifier, drives, new, prior)
         except FloatingPointError:
             break
         values = new
         if np.abs(step).max() < INFORMATION.last_step:
             break
-    return found
+    return weighed
 
 
 def _with_score(
@@ -172,14 +172,15 @@ def _with_score(
     """The information, and the score (p,): the gradient of the log-likelihood at `values`, both scaled by the prior
     deviations."""
     deviations = INFORMATION.prior_share * prior
-    belief, made = identifier.follow(drives, values, np.diag(deviations**2))
+    belief, filter_pass = identifier.follow(drives, values, np.diag(deviations**2))
     within = belief.covariance / np.outer(deviations, deviations)
     precision = np.linalg.inv(within)
     scaled = precision - np.eye(len(prior))
     scaled = 0.5 * (scaled + scaled.T) / INFORMATION.prior_share**2
     score = precision @ ((belief.mean - values) / deviations) / INFORMATION.prior_share
     vectors = [
-        np.linalg.solve(one.covariance / np.outer(prior, prior), (one.mean - values) / prior) for one in made.beliefs
+        np.linalg.solve(belief_of_piece.covariance / np.outer(prior, prior), (belief_of_piece.mean - values) / prior)
+        for belief_of_piece in filter_pass.beliefs
     ]
     apart = disagreement(np.diff(vectors, axis=0), scaled)
     return Information(identifier.free, values, prior, scaled / apart, apart), score / apart
@@ -204,11 +205,11 @@ def disagreement(added: Array, scaled: Array) -> float:
 
 @dataclass(frozen=True)
 class Refusal:
-    """A parameter that the drives do not determine: the share of its prior deviation that is `left`, and its
+    """A parameter that the drives do not determine: the `remaining_share` of its prior deviation, and its
     `amplification`; `beside` names what it cannot be told apart from."""
 
     name: str
-    left: float
+    remaining_share: float
     amplification: float
     beside: tuple[str, ...] = ()
 
@@ -219,10 +220,12 @@ class Refusal:
                 f"{self.name} cannot be separated from {' and '.join(self.beside)}: together they are "
                 f"{self.amplification:.0f} times as uncertain as alone"
             )
-        return f"{self.name} is not determined: {100 * self.left:.0f} % of its prior standard deviation remain"
+        return (
+            f"{self.name} is not determined: {100 * self.remaining_share:.0f} % of its prior standard deviation remain"
+        )
 
 
-def refusals(found: Information, judged_by_curve: Collection[str] = ()) -> list[Refusal]:
+def refusals(weighed: Information, judged_by_curve: Collection[str] = ()) -> list[Refusal]:
     """Parameters that are not determined, or cannot be separated from others.
 
     Of one that is determined no more than `INFORMATION.determined_share` of its prior deviation is left. One whose
@@ -231,12 +234,14 @@ def refusals(found: Information, judged_by_curve: Collection[str] = ()) -> list[
     determined where they are not.
     """
     refused = []
-    for i, (name, left, amplification) in enumerate(zip(found.names, found.left, found.amplification, strict=True)):
+    for i, (name, remaining, amplification) in enumerate(
+        zip(weighed.names, weighed.remaining_share, weighed.amplification, strict=True)
+    ):
         of_curve = name in judged_by_curve
-        if left > (INFORMATION.determined_share_of_curve if of_curve else INFORMATION.determined_share):
-            refused.append(Refusal(name, float(left), float(amplification)))
+        if remaining > (INFORMATION.determined_share_of_curve if of_curve else INFORMATION.determined_share):
+            refused.append(Refusal(name, float(remaining), float(amplification)))
         elif amplification > INFORMATION.inseparable_ratio and not of_curve:
-            closest = [int(j) for j in np.argsort(-np.abs(found.correlation[i])) if j != i]
-            near = [j for j in closest if abs(found.correlation[i, j]) > INFORMATION.correlated][:2] or closest[:1]
-            refused.append(Refusal(name, float(left), float(amplification), tuple(found.names[j] for j in near)))
+            closest = [int(j) for j in np.argsort(-np.abs(weighed.correlation[i])) if j != i]
+            near = [j for j in closest if abs(weighed.correlation[i, j]) > INFORMATION.correlated][:2] or closest[:1]
+            refused.append(Refusal(name, float(remaining), float(amplification), tuple(weighed.names[j] for j in near)))
     return refused

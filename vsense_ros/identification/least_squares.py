@@ -135,14 +135,17 @@ class Fit:
     def joined(self, free_parameters: Sequence[FreeParameter], slopes: Iterable[Array]) -> Fit:
         """The fit with further free parameters, of which the slopes (rows, n) by block are given. One that it has
         already, by name, is replaced where it is; all others are at zero."""
-        names, known = {parameter.name for parameter in free_parameters}, self.offset_by_name
-        stay = [i for i, parameter in enumerate(self.free_parameters) if parameter.name not in names]
-        new = [known.get(parameter.name, 0.0) for parameter in free_parameters]
+        names, present = {parameter.name for parameter in free_parameters}, self.offset_by_name
+        remaining = [i for i, parameter in enumerate(self.free_parameters) if parameter.name not in names]
+        new = [present.get(parameter.name, 0.0) for parameter in free_parameters]
         return replace(
             self,
-            free_parameters=(*(self.free_parameters[i] for i in stay), *free_parameters),
-            offsets=np.append(self.offsets[stay], new),
-            slopes=[np.column_stack([own[:, stay], more]) for own, more in zip(self.slopes, slopes, strict=True)],
+            free_parameters=(*(self.free_parameters[i] for i in remaining), *free_parameters),
+            offsets=np.append(self.offsets[remaining], new),
+            slopes=[
+                np.column_stack([present_slopes[:, remaining], more])
+                for present_slopes, more in zip(self.slopes, slopes, strict=True)
+            ],
         )
 
 
@@ -198,10 +201,10 @@ def slopes_by(
     for begin in range(0, len(free_parameters), at_once):
         together = free_parameters[begin : begin + at_once]
         attempts = [_attempts(start, fit, parameter, step) for parameter in together]
-        first = [list(islice(each, 1)) for each in attempts]
-        residuals.prepare([parameter_set for each in first for _, parameter_set in each], fit.parameter_set)
-        for parameter, known, others in zip(together, first, attempts, strict=True):
-            yield _slope(residuals, fit, parameter, chain(known, others))
+        first = [list(islice(attempt, 1)) for attempt in attempts]
+        residuals.prepare([parameter_set for attempt in first for _, parameter_set in attempt], fit.parameter_set)
+        for parameter, known, further in zip(together, first, attempts, strict=True):
+            yield _slope(residuals, fit, parameter, chain(known, further))
 
 
 def _attempts(
@@ -211,12 +214,12 @@ def _attempts(
     choice first."""
     offsets = fit.offset_by_name
     present = offsets.get(parameter.name, 0.0)
-    free_parameters = (*(known for known in fit.free_parameters if known.name != parameter.name), parameter)
+    free_parameters = (*(other for other in fit.free_parameters if other.name != parameter.name), parameter)
     for share in SEARCH.secant_factors:
         by = share * step * parameter.likely
         if parameter.low <= present + by <= parameter.high:
             offsets[parameter.name] = present + by
-            yield by, with_offsets(start, free_parameters, np.array([offsets[known.name] for known in free_parameters]))
+            yield by, with_offsets(start, free_parameters, np.array([offsets[free.name] for free in free_parameters]))
 
 
 def slopes_at(
@@ -291,14 +294,14 @@ def fit(
     each slope and each iteration.
     """
     if first is not None:
-        known = first.offset_by_name
-        begin = np.array([known.get(parameter.name, 0.0) for parameter in free_parameters])
+        present = first.offset_by_name
+        begin = np.array([present.get(parameter.name, 0.0) for parameter in free_parameters])
     elif begin is None:
         begin = _best_start(residuals, start, free_parameters)
-    (found,) = _side_by_side(
+    (fitted,) = _side_by_side(
         residuals, [_fitting(residuals, start, free_parameters, first, begin, instead, settings, progress)]
     )
-    return found
+    return fitted
 
 
 def fit_each(
@@ -312,8 +315,10 @@ def fit_each(
     return _side_by_side(
         residuals,
         (
-            _fitting(residuals, start, one.free_parameters, one, one.offsets, instead, DEFAULT, lambda: None)
-            for one in first
+            _fitting(
+                residuals, start, earlier.free_parameters, earlier, earlier.offsets, instead, DEFAULT, lambda: None
+            )
+            for earlier in first
         ),
     )
 
@@ -323,21 +328,21 @@ _Fitting = Generator[ParameterSet, None, Fit]  # what is simulated next, and the
 
 def _side_by_side(residuals: ResidualFunction, fittings: Iterable[_Fitting]) -> list[Fit]:
     """The fits. As many as are best simulated side by side go on by one simulation at a time."""
-    found: dict[int, Fit] = {}
+    fits: dict[int, Fit] = {}
     at_work: dict[int, tuple[_Fitting, ParameterSet]] = {}  # with what it simulates next, by place
 
     def advance(place: int, fitting: _Fitting) -> None:
         try:
             at_work[place] = fitting, next(fitting)
         except StopIteration as end:
-            found[place] = end.value
+            fits[place] = end.value
 
     waiting = enumerate(fittings)
     while True:
-        while len(at_work) < residuals.at_once and (one := next(waiting, None)) is not None:
-            advance(*one)
+        while len(at_work) < residuals.at_once and (following := next(waiting, None)) is not None:
+            advance(*following)
         if not at_work:
-            return [found[place] for place in range(len(found))]
+            return [fits[place] for place in range(len(fits))]
         if len(at_work) > 1:
             residuals.prepare([parameter_set for _, parameter_set in at_work.values()])
         for place in list(at_work):
@@ -351,11 +356,11 @@ def _fitting(
     """`fit`, which yields each parameter set that it is about to simulate."""
     parameter_set = with_offsets(start, free_parameters, begin)
     if first is not None and first.parameter_set.values == parameter_set.values:
-        rest = first.residuals
+        residual_blocks = first.residuals
     else:
         yield parameter_set
-        rest = residuals(parameter_set, instead)
-    best = Fit(parameter_set, tuple(free_parameters), begin, rest, [], 0.0)
+        residual_blocks = residuals(parameter_set, instead)
+    best = Fit(parameter_set, tuple(free_parameters), begin, residual_blocks, [], 0.0)
     slopes = first.slopes if first else slopes_at(residuals, start, best, progress, settings.step)
     best = replace(best, slopes=slopes)
     fall = 0.0
@@ -381,16 +386,16 @@ def _weight(settings: Settings, first: Fit | None, at: Fit) -> float:
 def _best_start(residuals: ResidualFunction, start: ParameterSet, free_parameters: Sequence[FreeParameter]) -> Array:
     """The best of the offsets at which a fit may begin, (k,): the first of each free parameter, the second of each, and
     so on are tried; a parameter that has fewer stays at its first. Raises `DivergedError` if none can be simulated."""
-    found: list[tuple[float, Array]] = []
+    tried: list[tuple[float, Array]] = []
     for i in range(max((len(parameter.starts) for parameter in free_parameters), default=1)):
         begin = np.array([p.starts[i] if i < len(p.starts) else p.starts[0] for p in free_parameters])
         try:
-            found.append((cost(residuals(with_offsets(start, free_parameters, begin))), begin))
+            tried.append((cost(residuals(with_offsets(start, free_parameters, begin))), begin))
         except DivergedError:
             continue
-    if not found:
+    if not tried:
         raise DivergedError
-    return min(found, key=lambda one: one[0])[1]
+    return min(tried, key=lambda attempt: attempt[0])[1]
 
 
 def _stepped(
@@ -415,10 +420,10 @@ def _stepped(
             parameter_set = with_offsets(start, at.free_parameters, offsets)
             yield parameter_set
             try:
-                found = residuals(parameter_set, instead)
+                new_residuals = residuals(parameter_set, instead)
             except DivergedError:
                 continue
-            tried = replace(at, parameter_set=parameter_set, offsets=offsets, residuals=found)
+            tried = replace(at, parameter_set=parameter_set, offsets=offsets, residuals=new_residuals)
             missed = _missed(at, tried)
             if tried.value < best.value:
                 best = _learnt(at, tried, missed)

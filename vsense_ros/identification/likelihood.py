@@ -95,10 +95,10 @@ class Likelihood:
         self._variance = np.square(np.asarray(identifier.noise.outputs, dtype=float))
 
     def _of(self, values: Array, factors: Array) -> Array:
-        known = self.identifier.named(values) | {
+        by_name = self.identifier.named(values) | {
             f"noise_{name}": factor for name, factor in zip(self.noisy, factors, strict=False)
         }
-        return np.array([known.get(name, 0.0) if "noise_" in name else known[name] for name in self._parameters])
+        return np.array([by_name.get(name, 0.0) if "noise_" in name else by_name[name] for name in self._parameters])
 
     def innovations(self, drive: Drive, values: Array, factors: Array | None = None) -> Innovations:
         """Innovations of a drive with these parameters (p,). Raises `FloatingPointError` where the filter cannot go
@@ -109,7 +109,7 @@ class Likelihood:
         self._dense.parameters[:] = fixed
         self._filter.inputs[:] = drive.inputs[0]
         self._filter.start(Gaussian(drive.start, np.diag(np.square(self.identifier.noise.start))))
-        course = Course(SENSOR, drive.inputs, drive.given, variance, drive.h)
+        course = Course(SENSOR, drive.inputs, drive.sampled_outputs, variance, drive.h)
         memory = self._filter.follow(course, drive.every).memory
         inputs, measured = drive.inputs[:: drive.every], drive.outputs[:: drive.every]
         outputs, jacobian = self._outputs.map(len(memory))(
@@ -122,10 +122,10 @@ class Likelihood:
     def value(self, drives: Sequence[Drive], values: Array, factors: Array | None = None) -> float:
         """The log-likelihood, minus infinity where a filter cannot go on."""
         try:
-            found = sum(float(self.innovations(drive, values, factors).log_likelihood.sum()) for drive in drives)
+            total = sum(float(self.innovations(drive, values, factors).log_likelihood.sum()) for drive in drives)
         except (FloatingPointError, np.linalg.LinAlgError):
             return -np.inf
-        return found if np.isfinite(found) else -np.inf
+        return total if np.isfinite(total) else -np.inf
 
     def scores(self, drives: Sequence[Drive], values: Array, prior: Array, noise: bool = True) -> tuple[Array, Array]:
         """Slopes of the log-likelihood of pieces of the drives (c, p + q), and its expected information (p + q, p + q),
@@ -135,26 +135,26 @@ class Likelihood:
         p, size = len(values), len(point) if noise else len(values)
         pieces, information = [], np.zeros((size, size))
         for drive in drives:
-            at = self.innovations(drive, values)
-            inverse = np.linalg.inv(at.covariance)
-            weighted = np.einsum("kij,kj->ki", inverse, at.value)
+            innovations = self.innovations(drive, values)
+            inverse = np.linalg.inv(innovations.covariance)
+            weighted = np.einsum("kij,kj->ki", inverse, innovations.value)
             root = np.linalg.cholesky(inverse)
             slopes, factors, whitened = [], [], []
             for i in range(size):
                 moved = point.copy()
                 moved[i] += LIKELIHOOD.difference * units[i]
-                there = self.innovations(drive, moved[:p], moved[p:])
-                by_value = (there.value - at.value) / LIKELIHOOD.difference
-                factor = inverse @ ((there.covariance - at.covariance) / LIKELIHOOD.difference)
-                quadratic = np.einsum("ki,kij,kj->k", at.value, factor, weighted)
+                moved_innovations = self.innovations(drive, moved[:p], moved[p:])
+                by_value = (moved_innovations.value - innovations.value) / LIKELIHOOD.difference
+                factor = inverse @ ((moved_innovations.covariance - innovations.covariance) / LIKELIHOOD.difference)
+                quadratic = np.einsum("ki,kij,kj->k", innovations.value, factor, weighted)
                 trace = np.trace(factor, axis1=1, axis2=2)
                 slopes.append(-np.einsum("ki,ki->k", by_value, weighted) - 0.5 * trace + 0.5 * quadratic)
                 whitened.append(np.einsum("kji,kj->ki", root, by_value).ravel())
                 factors.append(factor)
-            by = np.array(whitened)
+            by_parameter = np.array(whitened)
             flat = np.array([factor.ravel() for factor in factors])
             turned = np.array([factor.transpose(0, 2, 1).ravel() for factor in factors])
-            information += by @ by.T + 0.5 * flat @ turned.T
+            information += by_parameter @ by_parameter.T + 0.5 * flat @ turned.T
             pieces += [part.sum(axis=1) for part in np.array_split(np.array(slopes), RINSING.pieces, axis=1)]
         return np.array(pieces), information
 
@@ -182,10 +182,10 @@ class Likelihood:
         them: steps by the information (Fisher's scoring), with the prior around `start` (p,); and the way there. With
         `noise`, its factors are looked for beside, and kept. Raises `FloatingPointError` where there is no likelihood
         at the start."""
-        one, p = self.identifier, len(values)
-        inside = 0.01 * (one.high - one.low)
+        identifier, p = self.identifier, len(values)
+        inside = 0.01 * (identifier.high - identifier.low)
         inside[~np.isfinite(inside)] = 0.0
-        low, high = one.low + inside, one.high - inside
+        low, high = identifier.low + inside, identifier.high - inside
         values = np.clip(np.asarray(values, dtype=float), low, high)
         passes, settled = list[Pass](), False
         for index in range(LIKELIHOOD.most_iterations):
@@ -195,27 +195,27 @@ class Likelihood:
             off = np.concatenate([off, self.factors]) if noise else off
             step = np.linalg.solve(scaled + np.eye(len(off)), pieces.sum(axis=0) - off)
             step *= min(1.0, LIKELIHOOD.longest_step / max(float(np.abs(step).max()), 1e-12))
-            here = self._posterior(drives, values, self.factors, start, prior)
+            present = self._posterior(drives, values, self.factors, start, prior)
             for halving in range(LIKELIHOOD.most_halvings):
                 new = np.clip(values + prior * step[:p] / 2**halving, low, high)
                 factors = self.factors + step[p:] / 2**halving if noise else self.factors
-                there = self._posterior(drives, new, factors, start, prior)
-                if there > here:
+                stepped = self._posterior(drives, new, factors, start, prior)
+                if stepped > present:
                     break
             else:
-                new, factors, there = values, self.factors, here
+                new, factors, stepped = values, self.factors, present
             passes.append(self._pass(drives, values, new, time.process_time() - begun))
             if progress is not None:
                 progress((index + 1) / LIKELIHOOD.most_iterations)
-            values, self.factors, settled = new, factors, there - here < LIKELIHOOD.least_gain
+            values, self.factors, settled = new, factors, stepped - present < LIKELIHOOD.least_gain
             if settled:
                 break
         return self.information(drives, values, prior, noise), Rinsed(values, settled, tuple(passes))
 
     def _pass(self, drives: Sequence[Drive], before: Array, values: Array, seconds: float) -> Pass:
         """One iteration, as a pass of a filter."""
-        found = [self.innovations(drive, values) for drive in drives]
-        value, covariance = (np.concatenate(parts) for parts in zip(*found, strict=True))
+        innovations = [self.innovations(drive, values) for drive in drives]
+        value, covariance = (np.concatenate(parts) for parts in zip(*innovations, strict=True))
         whitened = np.einsum("ki,kij,kj->k", value, np.linalg.inv(covariance), value)
         rms = float(np.sqrt(whitened.mean() / self._m))
         moved = self.identifier.moved(before, values)

@@ -83,8 +83,8 @@ def noise_numbers(vehicle: Vehicle) -> list[str]:
     errors, around = vehicle.observer.force_errors, vehicle.observer.surroundings
     of_wheels = {"wheel_spin": torques_unknown, "unmeasured_drive": not kinds & {"wheel_speeds", "wheel_torques"}}
     for field in ForceErrors.model_fields:
-        used = of_wheels.get(field, not field.endswith("time_constant"))
-        if used and getattr(errors, field) > 0:
+        applies = of_wheels.get(field, not field.endswith("time_constant"))
+        if applies and getattr(errors, field) > 0:
             paths.append(f"observer.force_errors.{field}")
     for slope in ("grade", "bank"):
         if getattr(around, slope) > 0:
@@ -93,7 +93,7 @@ def noise_numbers(vehicle: Vehicle) -> list[str]:
 
 
 @dataclass(frozen=True)
-class Found:
+class TunedNumber:
     """One number: dotted path, before, after, and the standard deviation of the logarithm of the latter, as far as the
     innovations are white."""
 
@@ -124,17 +124,18 @@ class Figures:
 
 @dataclass(frozen=True)
 class Tuning:
-    """A tuned vehicle, what was found, and its figures before and after; None: nothing was held out."""
+    """A tuned vehicle, the numbers that were tuned, and the figures before and after; `held_out` is None where no
+    recordings were held out."""
 
     vehicle: Vehicle
-    found: tuple[Found, ...]
+    numbers: tuple[TunedNumber, ...]
     before: Figures
     after: Figures
     held_out: tuple[Figures, Figures] | None
 
     def changed(self, start: Vehicle) -> list[str]:
         """Dotted paths of what differs from the vehicle that tuning started from."""
-        paths = [found.path for found in self.found if found.before != found.after]
+        paths = [number.path for number in self.numbers if number.before != number.after]
         for name, sensor in start.sensors.items():
             if getattr(sensor, _FROM_MESSAGE, None) != getattr(self.vehicle.sensors[name], _FROM_MESSAGE, None):
                 paths.append(f"sensors.{name}.{_FROM_MESSAGE}")
@@ -143,7 +144,7 @@ class Tuning:
     def write(self, path: Path) -> None:
         """Everything but the vehicle as JSON."""
         content = {
-            "numbers": {f.path: asdict(f) | {"determined": f.determined, "at_bound": f.at_bound} for f in self.found},
+            "numbers": {f.path: asdict(f) | {"determined": f.determined, "at_bound": f.at_bound} for f in self.numbers},
             "before": asdict(self.before),
             "after": asdict(self.after),
         }
@@ -175,8 +176,8 @@ def tune(
     whose messages state covariances are tuned as well, and no longer read them. Parameters that the observer would
     estimate keep the file's values. Runs are shared out to all processors. `progress` takes the share done.
     """
-    known = vehicle.model_copy(update={"observer": vehicle.observer.model_copy(update={"parameters": {}})})
-    start = with_own_noise(known) if own_noise else known
+    fixed = vehicle.model_copy(update={"observer": vehicle.observer.model_copy(update={"parameters": {}})})
+    start = with_own_noise(fixed) if own_noise else fixed
     nominal, free_parameters = of_vehicle(start), [_free(name) for name in noise_numbers(vehicle)]
     every, count = [*recordings, *held_out], len(recordings)
     jobs = count * (len(free_parameters) + 1)
@@ -190,31 +191,33 @@ def tune(
 
         offsets, deviations = maximise(evaluate, free_parameters, part(progress, 0, 1))
         (tuned,) = cars([offsets], NOISE.digits)
-        judged = [[pool.submit(_judged, i, car) for i in range(len(every))] for car in (known, tuned)]
+        judged = [[pool.submit(_judged, i, car) for i in range(len(every))] for car in (fixed, tuned)]
         first, last = ([job.result() for job in of_car] for of_car in judged)
-    before, after = (_figures(one[:count], first[:count]) for one in (first, last))
-    unseen = [_figures(one[count:], first[count:]) for one in (first, last) if held_out]
+    before, after = (_figures(judged_runs[:count], first[:count]) for judged_runs in (first, last))
+    unseen = [_figures(judged_runs[count:], first[count:]) for judged_runs in (first, last) if held_out]
     values = of_vehicle(tuned).values
-    found = tuple(
-        Found(free.name, free.value(nominal.values), free.value(values), float(deviation))
+    numbers = tuple(
+        TunedNumber(free.name, free.value(nominal.values), free.value(values), float(deviation))
         for free, deviation in zip(free_parameters, deviations, strict=True)
     )
     observer = tuned.observer.model_copy(update={"parameters": vehicle.observer.parameters})
     result = tuned.model_copy(update={"observer": observer})
-    return Tuning(result, found, before, after, (unseen[0], unseen[1]) if held_out else None)
+    return Tuning(result, numbers, before, after, (unseen[0], unseen[1]) if held_out else None)
 
 
 def _innovations_of(
     pool: Executor, cars: Sequence[Vehicle], recordings: int, progress: Progress | None
 ) -> list[list[Innovations]]:
     """Innovations of each car, on the first so many recordings, by sensor and recording."""
-    asked = [[pool.submit(_innovations, i, car) for i in range(recordings)] for car in cars]
-    found: list[list[Innovations]] = []
-    for i, of_car in enumerate(asked):
-        found.append([one for job in of_car for one in job.result().values()])
+    jobs_by_car = [[pool.submit(_innovations, i, car) for i in range(recordings)] for car in cars]
+    innovations_by_car: list[list[Innovations]] = []
+    for i, of_car in enumerate(jobs_by_car):
+        innovations_by_car.append(
+            [sensor_innovations for job in of_car for sensor_innovations in job.result().values()]
+        )
         if progress is not None:
-            progress((i + 1) / len(asked))
-    return found
+            progress((i + 1) / len(jobs_by_car))
+    return innovations_by_car
 
 
 def _free(name: str) -> FreeParameter:
@@ -242,41 +245,52 @@ def maximise(
     count = len(free_parameters)
     deviations = np.array([free.deviation for free in free_parameters])
     low, high = np.array([free.low for free in free_parameters]), np.array([free.high for free in free_parameters])
-    here = np.zeros(count)
-    now = evaluate([here], None)[0]
-    if not now:
+    offsets = np.zeros(count)
+    innovations_here = evaluate([offsets], None)[0]
+    if not innovations_here:
         raise InputError("the recordings have no message of a sensor that measures; there is no innovation to judge by")
-    stamps, credible = [one.stamp for one in now], [one.credible() for one in now]
+    stamps, credible = (
+        [sensor_innovations.stamp for sensor_innovations in innovations_here],
+        [sensor_innovations.credible() for sensor_innovations in innovations_here],
+    )
 
     def at(points: Sequence[Array], done: Progress | None = None) -> list[list[Innovations]]:
         """`evaluate`, of the messages that there were at zero."""
-        return [[one.at(stamp) for one, stamp in zip(of, stamps, strict=True)] for of in evaluate(points, done)]
+        return [
+            [sensor_innovations.at(stamp) for sensor_innovations, stamp in zip(by_sensor, stamps, strict=True)]
+            for by_sensor in evaluate(points, done)
+        ]
 
-    def rise(there: Array, found: Sequence[Innovations]) -> float:
+    def rise(new_offsets: Array, new_innovations: Sequence[Innovations]) -> float:
         """Twice the rise of log-likelihood and prior together, from the present values."""
-        both = [of & one.there & other.there for of, one, other in zip(credible, now, found, strict=True)]
-        before, after = (_minus_twice_log_likelihood(of, both) for of in (now, found))
-        return before - after + float(np.sum((here / deviations) ** 2) - np.sum((there / deviations) ** 2))
+        compared = [
+            mask & sensor_innovations.there & other.there
+            for mask, sensor_innovations, other in zip(credible, innovations_here, new_innovations, strict=True)
+        ]
+        before, after = (_minus_twice_log_likelihood(of, compared) for of in (innovations_here, new_innovations))
+        return before - after + float(np.sum((offsets / deviations) ** 2) - np.sum((new_offsets / deviations) ** 2))
 
     for iteration in range(iterations):
-        nearby = at([here + NOISE.difference * unit for unit in np.eye(count)], part(progress, iteration, iterations))
-        equations = _equations(free_parameters, here, now, nearby, credible)
-        change = _scoring_step(equations, here)
+        nearby = at(
+            [offsets + NOISE.difference * unit for unit in np.eye(count)], part(progress, iteration, iterations)
+        )
+        equations = _equations(free_parameters, offsets, innovations_here, nearby, credible)
+        change = _scoring_step(equations, offsets)
         if -0.5 * equations.gradient @ change < NOISE.least_gain * count:
             break
         step = change * deviations
         step *= min(1.0, NOISE.largest_step / float(np.abs(step).max()))
         for shorter in NOISE.shares_of_step:
-            there = np.clip(here + shorter * step, low, high)
-            found = at([there])[0]
-            if rise(there, found) > 0:
+            new_offsets = np.clip(offsets + shorter * step, low, high)
+            new_innovations = at([new_offsets])[0]
+            if rise(new_offsets, new_innovations) > 0:
                 break
         else:
             break
-        here, now = there, found
+        offsets, innovations_here = new_offsets, new_innovations
     if progress is not None:
         progress(1.0)
-    return here, equations.spread() * deviations
+    return offsets, equations.spread() * deviations
 
 
 def _scoring_step(equations: NormalEquations, offsets: Array) -> Array:
@@ -295,9 +309,9 @@ def _scoring_step(equations: NormalEquations, offsets: Array) -> Array:
 _Mask = NDArray[np.bool_]
 
 
-def _minus_twice_log_likelihood(found: Sequence[Innovations], credible: Sequence[_Mask]) -> float:
+def _minus_twice_log_likelihood(all_innovations: Sequence[Innovations], credible: Sequence[_Mask]) -> float:
     """Minus twice the log-likelihood of innovations, which is minimised as squared residuals are in least squares."""
-    return -2.0 * sum(float(i.log_density()[of].sum()) for i, of in zip(found, credible, strict=True))
+    return -2.0 * sum(float(i.log_density()[of].sum()) for i, of in zip(all_innovations, credible, strict=True))
 
 
 def _equations(
@@ -319,7 +333,7 @@ def _equations(
 
 
 def _score(
-    now: Sequence[Innovations], nearby: Sequence[Sequence[Innovations]], credible: Sequence[_Mask]
+    present: Sequence[Innovations], nearby: Sequence[Sequence[Innovations]], credible: Sequence[_Mask]
 ) -> tuple[Array, Array]:
     """Gradient (k,) and Fisher information (k, k) of the log-likelihood.
 
@@ -329,14 +343,14 @@ def _score(
     """
     count = len(nearby)
     slope, information = np.zeros(count), np.zeros((count, count))
-    for i, (here, of) in enumerate(zip(now, credible, strict=True)):
-        by_innovation, by_scale = (np.zeros((here.whitened[of].size, count)) for _ in range(2))
+    for i, (at_present, of) in enumerate(zip(present, credible, strict=True)):
+        by_innovation, by_scale = (np.zeros((at_present.whitened[of].size, count)) for _ in range(2))
         for k, all_there in enumerate(nearby):
-            stretch = all_there[i].deviation[of] / here.deviation[of]
-            change = (all_there[i].whitened[of] * stretch - here.whitened[of]) / NOISE.difference
+            stretch = all_there[i].deviation[of] / at_present.deviation[of]
+            change = (all_there[i].whitened[of] * stretch - at_present.whitened[of]) / NOISE.difference
             by_innovation[:, k] = np.nan_to_num(change).clip(-NOISE.steepest, NOISE.steepest).ravel()
             by_scale[:, k] = np.nan_to_num(np.log(stretch) / NOISE.difference).ravel()
-        w = np.nan_to_num(here.whitened[of]).ravel()
+        w = np.nan_to_num(at_present.whitened[of]).ravel()
         slope += (w**2 - 1) @ by_scale - w @ by_innovation
         information += by_innovation.T @ by_innovation + 2 * by_scale.T @ by_scale
     return slope, information
@@ -367,16 +381,18 @@ def _judged(index: int, vehicle: Vehicle) -> _Judged:
 
 def _figures(results: Sequence[_Judged], first: Sequence[_Judged]) -> Figures:
     """Over all recordings; which messages are credible is decided by the `first` results, those before tuning."""
-    names = list(dict.fromkeys(name for found, _ in results for name in found))
+    names = list(dict.fromkeys(name for by_sensor, _ in results for name in by_sensor))
     pairs = [
-        (name, found[name], before[name].credible())
-        for (found, _), (before, _) in zip(results, first, strict=True)
-        for name in found
+        (name, by_sensor[name], before[name].credible())
+        for (by_sensor, _), (before, _) in zip(results, first, strict=True)
+        for name in by_sensor
     ]
     sensors = {}
     for name in [*names, ALL]:
         chosen = [pair for pair in pairs if name in (pair[0], ALL)]
-        sensors[name] = consistency([one for _, one, _ in chosen], [of for *_, of in chosen])
+        sensors[name] = consistency(
+            [sensor_innovations for _, sensor_innovations, _ in chosen], [of for *_, of in chosen]
+        )
     signals = list(dict.fromkeys(name for _, errors in results for name in errors))
     by_signal = {name: [errors[name] for _, errors in results if name in errors] for name in signals}
     means = {

@@ -27,10 +27,10 @@ def show(tuning: Tuning, console: Console) -> None:
     """The numbers, and the filter's consistency before and after."""
     console.width = max(console.width, _WIDTH)
     table = _table("standard deviation", "before", "after", "")
-    for found in tuning.found:
-        known = f"± {100 * found.deviation:.0f} %" if found.determined else "not determined"
-        known = "at its bound" if found.at_bound else known
-        table.add_row(found.path, f"{found.before:.3g}", f"{found.after:.3g}", known)
+    for number in tuning.numbers:
+        verdict = f"± {100 * number.deviation:.0f} %" if number.determined else "not determined"
+        verdict = "at its bound" if number.at_bound else verdict
+        table.add_row(number.path, f"{number.before:.3g}", f"{number.after:.3g}", verdict)
     console.print(table)
     for title, before, after in _pairs(tuning):
         console.print(Text(f"\n{title}", style="bold"))
@@ -47,10 +47,10 @@ def _pairs(tuning: Tuning) -> list[tuple[str, Figures, Figures]]:
     return pairs
 
 
-def _table(first: str, *others: str) -> Table:
+def _table(first: str, *headings: str) -> Table:
     table = Table(box=None, pad_edge=False, header_style="bold", padding=(0, 2))
     table.add_column(first, no_wrap=True)
-    for heading in others:
+    for heading in headings:
         table.add_column(heading, justify="right", no_wrap=True)
     return table
 
@@ -77,7 +77,7 @@ def _sensors(before: Figures, after: Figures) -> Table:
 
 
 def _change(pair: list[Consistency], field: str, form: str) -> str:
-    return " → ".join(format(getattr(one, field), form) for one in pair)
+    return " → ".join(format(getattr(consistency, field), form) for consistency in pair)
 
 
 def _errors(before: Figures, after: Figures) -> Table:
@@ -85,12 +85,12 @@ def _errors(before: Figures, after: Figures) -> Table:
     for name in after.errors:
         signal = SIGNALS[name]
         pair = [figures.errors[name] for figures in (before, after)]
-        rmse = " → ".join(f"{one.rmse * signal.shown_per_unit:.3g}" for one in pair)
+        rmse = " → ".join(f"{errors.rmse * signal.shown_per_unit:.3g}" for errors in pair)
         table.add_row(
             signal.label,
             f"{rmse} {signal.shown_unit}",
-            " → ".join(f"{one.nees:.2f}" for one in pair),
-            " → ".join(f"{100 * one.inside:.0f} %" for one in pair),
+            " → ".join(f"{errors.nees:.2f}" for errors in pair),
+            " → ".join(f"{100 * errors.inside:.0f} %" for errors in pair),
         )
     return table
 
@@ -116,9 +116,9 @@ def draw(tuning: Tuning, path: Path) -> Path:
 
 def _nis(axes: Axes, title: str, before: Figures, after: Figures) -> None:
     axes.set_title(f"{drawn(title)}: NIS per component")
-    _points(axes, *([one.nis for one in figures.sensors.values()] for figures in (before, after)))
-    for row, one in enumerate(after.sensors.values()):
-        low, high = one.nis_interval
+    _points(axes, *([consistency.nis for consistency in figures.sensors.values()] for figures in (before, after)))
+    for row, consistency in enumerate(after.sensors.values()):
+        low, high = consistency.nis_interval
         axes.barh(row, high - low, left=low, height=0.7, color=_EXPECTED, zorder=1)
     _rows(axes, list(after.sensors))
     _around_one(axes)
@@ -126,9 +126,11 @@ def _nis(axes: Axes, title: str, before: Figures, after: Figures) -> None:
 
 def _lag(axes: Axes, before: Figures, after: Figures) -> None:
     axes.set_title("Lag-1 correlation of the innovations")
-    _points(axes, *([one.lag_1 for one in figures.sensors.values()] for figures in (before, after)))
-    for row, one in enumerate(after.sensors.values()):
-        axes.barh(row, 2 * one.lag_1_bound, left=-one.lag_1_bound, height=0.7, color=_EXPECTED, zorder=1)
+    _points(axes, *([consistency.lag_1 for consistency in figures.sensors.values()] for figures in (before, after)))
+    for row, consistency in enumerate(after.sensors.values()):
+        axes.barh(
+            row, 2 * consistency.lag_1_bound, left=-consistency.lag_1_bound, height=0.7, color=_EXPECTED, zorder=1
+        )
     _rows(axes, list(after.sensors))
     axes.axvline(0, color=MUTED, linewidth=0.6, zorder=2)
     axes.set_xlim(-1, 1)
@@ -140,7 +142,7 @@ def _nees(axes: Axes, before: Figures, after: Figures) -> None:
         axes.text(0.5, 0.5, "no reference", transform=axes.transAxes, ha="center", va="center", color=MUTED)
         axes.set_axis_off()
         return
-    _points(axes, *([one.nees for one in figures.errors.values()] for figures in (before, after)))
+    _points(axes, *([errors.nees for errors in figures.errors.values()] for figures in (before, after)))
     _rows(axes, [SIGNALS[name].label for name in after.errors])
     _around_one(axes)
 

@@ -58,18 +58,18 @@ class NormalEquations:
         one elimination of the others (Schur's complement)."""
         normal = self.normal.sum(axis=0) + self.weight * np.eye(len(self.free_parameters))
         right = self.gradient
-        stay = len(right) - count
-        across, own = normal[:stay, stay:], normal[stay:, stay:]
-        eliminated = np.linalg.solve(normal[:stay, :stay], np.column_stack([across, right[:stay]]))
-        own = own - across.T @ eliminated[:, :-1]
-        right = right[stay:] - across.T @ eliminated[:, -1]
-        size = np.diag(own)
-        determinant = np.outer(size, size) - own**2
+        others = len(right) - count
+        coupling, block = normal[:others, others:], normal[others:, others:]
+        eliminated = np.linalg.solve(normal[:others, :others], np.column_stack([coupling, right[:others]]))
+        block = block - coupling.T @ eliminated[:, :-1]
+        right = right[others:] - coupling.T @ eliminated[:, -1]
+        size = np.diag(block)
+        determinant = np.outer(size, size) - block**2
         squares = np.outer(size, right**2)
-        both = squares + squares.T - 2 * own * np.outer(right, right)
+        joint = squares + squares.T - 2 * block * np.outer(right, right)
         alone = right**2 / size
         with np.errstate(divide="ignore", invalid="ignore"):
-            pairs = np.where(determinant > 1e-9 * np.outer(size, size), both / determinant, alone[:, None])
+            pairs = np.where(determinant > 1e-9 * np.outer(size, size), joint / determinant, alone[:, None])
         np.fill_diagonal(pairs, alone)
         return np.asarray(pairs)
 
@@ -81,8 +81,8 @@ class NormalEquations:
 
     def out_of_sample(self, group: Sequence[int]) -> float:
         """The value of a group of blocks after a fit to all others; where there are no others, as they are."""
-        rest = [i for i in range(len(self.rows)) if i not in group]
-        return float(self.values(self.change(rest) if rest else None)[list(group)].sum())
+        others = [i for i in range(len(self.rows)) if i not in group]
+        return float(self.values(self.change(others) if others else None)[list(group)].sum())
 
     def only(self, stay: Sequence[int]) -> NormalEquations:
         """With those free parameters alone that have these indices; all others are held."""
@@ -114,16 +114,16 @@ class NormalEquations:
         """Share of what some of the free parameters do to the residuals that is left when all others are fitted to it,
         in the norm of the residuals: how far their slopes are from those of the others."""
         names = {parameter.name for parameter in free_parameters}
-        rest = [i for i, parameter in enumerate(self.free_parameters) if parameter.name not in names]
-        whole = self.normal.sum(axis=0)
-        others = whole[np.ix_(rest, rest)]
-        total, left = 0.0, 0.0
+        other_places = [i for i, parameter in enumerate(self.free_parameters) if parameter.name not in names]
+        normal = self.normal.sum(axis=0)
+        normal_of_others = normal[np.ix_(other_places, other_places)]
+        total, independent = 0.0, 0.0
         for i in (i for i, parameter in enumerate(self.free_parameters) if parameter.name in names):
-            along = whole[rest, i]
-            change = minimiser(others, along, np.zeros(len(rest)), self.weight)
-            total += whole[i, i]
-            left += whole[i, i] + 2 * along @ change + change @ others @ change
-        return float(np.sqrt(max(left, 0.0) / total)) if total > 0 else 0.0
+            along = normal[other_places, i]
+            change = minimiser(normal_of_others, along, np.zeros(len(other_places)), self.weight)
+            total += normal[i, i]
+            independent += normal[i, i] + 2 * along @ change + change @ normal_of_others @ change
+        return float(np.sqrt(max(independent, 0.0) / total)) if total > 0 else 0.0
 
 
 def minimiser(normal: Array, right: Array, scaled_offsets: Array, weight: float) -> Array:

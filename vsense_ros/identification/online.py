@@ -64,21 +64,22 @@ class OnlineIdentification:
     def __init__(self, vehicle: Vehicle, stored: Path | None = None) -> None:
         sensors = vehicle.sensing()
         self._names = {
-            what: best_measuring(sensors.items(), what) for what in ("steering", "rates and forces", "rolling speed")
+            quantity: best_measuring(sensors.items(), quantity)
+            for quantity in ("steering", "rates and forces", "rolling speed")
         }
-        for what, name in self._names.items():
+        for quantity, name in self._names.items():
             if name is None:
                 raise InputError(
-                    f"{vehicle.name}: the identifying filter needs {what.replace('rates and forces', 'an imu')}, which "
-                    "no sensor of the vehicle file gives"
+                    f"{vehicle.name}: the identifying filter needs {quantity.replace('rates and forces', 'an imu')}, "
+                    "which no sensor of the vehicle file gives"
                 )
         self.vehicle, self.stored = vehicle, stored
         self._one, self._prior = handling_identifier(vehicle, "best")
         self._filter, self._states = self._one.filter, len(self._one.noise.start)
         self._radii, self._radius = rolling_radii(vehicle), self._one.values["wheel_radius"]
         on_map = Map(None)
-        self._readers = {sensors[str(name)].topic: (what, Reader(0, sensors[str(name)], on_map), sensors[str(name)])
-                         for what, name in self._names.items()}  # fmt: skip
+        self._readers = {sensors[str(name)].topic: (quantity, Reader(0, sensors[str(name)], on_map), sensors[str(name)])
+                         for quantity, name in self._names.items()}  # fmt: skip
         self._values: dict[str, Array] = {}
         self._stamps: dict[str, int] = {}
         self._new = False
@@ -100,10 +101,10 @@ class OnlineIdentification:
 
     def add(self, sample: Sample) -> None:
         """Take a message. Others than those of `topics` are left alone."""
-        found = self._readers.get(sample.topic)
-        if found is None:
+        entry = self._readers.get(sample.topic)
+        if entry is None:
             return
-        what, reader, sensor = found
+        quantity, reader, sensor = entry
         event = reader.read(sample)
         if isinstance(event, str):
             return
@@ -111,9 +112,9 @@ class OnlineIdentification:
         if isinstance(sensor, Imu):
             value = sensor.in_axes_of_car(value[None])[0]
             self._new = True
-        if event.stamp <= self._stamps.get(what, 0):
+        if event.stamp <= self._stamps.get(quantity, 0):
             return
-        self._values[what], self._stamps[what] = value, event.stamp
+        self._values[quantity], self._stamps[quantity] = value, event.stamp
         self._advance()
 
     def _advance(self) -> None:
@@ -181,10 +182,10 @@ class OnlineIdentification:
 
     def _low_passed(self, now: Array) -> Array:
         """Inputs and outputs (9,) through one filter, which delays all of them alike (direct form II transposed)."""
-        out = self._b[0] * now + self._delays[0]
-        self._delays[0] = self._b[1] * now - self._a[1] * out + self._delays[1]
-        self._delays[1] = self._b[2] * now - self._a[2] * out
-        return out
+        filtered = self._b[0] * now + self._delays[0]
+        self._delays[0] = self._b[1] * now - self._a[1] * filtered + self._delays[1]
+        self._delays[1] = self._b[2] * now - self._a[2] * filtered
+        return filtered
 
     def _rest(self) -> None:
         """Keep what is known of the parameters; the state begins anew when the car drives again."""
@@ -197,16 +198,16 @@ class OnlineIdentification:
         """Mean and covariance of the parameters (p,)."""
         if not self.stamp:
             return self._belief
-        found, n = self._filter.belief(), self._states
-        return Gaussian(found.mean[n:], found.covariance[n:, n:])
+        belief, n = self._filter.belief(), self._states
+        return Gaussian(belief.mean[n:], belief.covariance[n:, n:])
 
     def sample(self) -> Sample:
         """What is published: value as position, standard deviation as velocity, as of the observer's parameters."""
-        found = self.belief()
+        belief = self.belief()
         return Sample(
             TOPIC, "sensor_msgs/msg/JointState", max(self._stamps.values(), default=0),
             {
-                "position": found.mean, "velocity": np.sqrt(found.covariance.diagonal().clip(min=0)),
+                "position": belief.mean, "velocity": np.sqrt(belief.covariance.diagonal().clip(min=0)),
                 "effort": np.zeros(0),
             },
             names=self._one.free,
@@ -217,10 +218,10 @@ class OnlineIdentification:
         path = self.stored if path is None else path
         if path is None:
             return
-        found = self.belief()
+        belief = self.belief()
         content = {
             "vehicle": self.vehicle.name, "fingerprint": fingerprint(self.vehicle), "model": "best",
-            "names": list(self._one.free), "mean": found.mean.tolist(), "covariance": found.covariance.tolist(),
+            "names": list(self._one.free), "mean": belief.mean.tolist(), "covariance": belief.covariance.tolist(),
             "driven_s": self.driven,
         }  # fmt: skip
         path.parent.mkdir(parents=True, exist_ok=True)
@@ -247,6 +248,6 @@ class OnlineIdentification:
             raise InputError(f"{path}: holds other parameters than this version identifies; remove it")
         if not (np.isfinite(mean).all() and np.isfinite(covariance).all()):
             raise InputError(f"{path}: holds numbers that are not finite; remove it")
-        known = covariance + np.diag((ONLINE.ageing * self._prior / BEST.prior_share) ** 2)
-        self._belief = self._good = Gaussian(mean, known)
+        aged = covariance + np.diag((ONLINE.ageing * self._prior / BEST.prior_share) ** 2)
+        self._belief = self._good = Gaussian(mean, aged)
         self.driven = driven

@@ -99,11 +99,11 @@ def predict(recordings: Sequence[Recording], vehicle: Vehicle, progress: Progres
     The course is compared at the antenna of the vehicle file, at the times of measurement by its latency. Where the
     observer does not start, it follows nothing. Raises `InputError` where the vehicle has no GNSS velocity.
     """
-    antenna = next((one for one in vehicle.sensors.values() if isinstance(one, GnssVelocity)), None)
+    antenna = next((sensor for sensor in vehicle.sensors.values() if isinstance(sensor, GnssVelocity)), None)
     if antenna is None:
         raise InputError(f"{vehicle.name}: a prediction is compared with a GNSS velocity, which the file does not have")
-    heard = [one for one in recordings if antenna.topic in one]
-    parts = [_squares(one, vehicle, antenna, part(progress, i, len(heard))) for i, one in enumerate(heard)]
+    heard = [recording for recording in recordings if antenna.topic in recording]
+    parts = [_squares(recording, vehicle, antenna, part(progress, i, len(heard))) for i, recording in enumerate(heard)]
     return Prediction(np.concatenate(parts) if parts else np.zeros(0))
 
 
@@ -125,10 +125,10 @@ def judged(
     recordings: Sequence[Recording], before: Vehicle, after: Vehicle, progress: Progress | None = None
 ) -> Comparison | None:
     """Compare two files of a car by predictions on recordings; None where none of these has a GNSS velocity."""
-    antenna = next((one for one in before.sensors.values() if isinstance(one, GnssVelocity)), None)
-    if antenna is None or not any(antenna.topic in one for one in recordings):
+    antenna = next((sensor for sensor in before.sensors.values() if isinstance(sensor, GnssVelocity)), None)
+    if antenna is None or not any(antenna.topic in recording for recording in recordings):
         return None
-    predictions = (predict(recordings, one, part(progress, i, 2)) for i, one in enumerate((before, after)))
+    predictions = (predict(recordings, vehicle, part(progress, i, 2)) for i, vehicle in enumerate((before, after)))
     return compare(*predictions)
 
 
@@ -140,7 +140,7 @@ def _squares(recording: Recording, vehicle: Vehicle, antenna: GnssVelocity, prog
     count = max(int((int(gnss.stamp.max()) - first) * 1e-9 / period), 0)
     if not count:
         return np.zeros(0)
-    silent = {one.topic for one in vehicle.sensors.values() if isinstance(one, Receiver)}
+    silent = {sensor.topic for sensor in vehicle.sensors.values() if isinstance(sensor, Receiver)}
     channels = {
         topic: channel.select(_silence_of(channel, first, period) < 0) if topic in silent else channel
         for topic, channel in recording.channels.items()
@@ -176,5 +176,5 @@ def _velocity_at(odometry: Channel, sensor: SensorBase, stamp: NDArray[np.int64]
     turning = np.nan_to_num(odometry.columns["angular"])
     velocity = np.nan_to_num(odometry.columns["linear"]) + np.cross(turning, arm)
     over_ground = Rotation.from_quat(odometry.columns["orientation"]).apply(velocity)
-    columns = [np.interp(stamp, odometry.stamp, one, np.nan, np.nan) for one in over_ground[:, :2].T]
+    columns = [np.interp(stamp, odometry.stamp, column, np.nan, np.nan) for column in over_ground[:, :2].T]
     return np.column_stack(columns)

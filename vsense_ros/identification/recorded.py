@@ -61,22 +61,28 @@ def signals(recording: Recording, vehicle: Vehicle) -> Signals:
     """Raises `InputError` where a sensor is missing without which nothing can be identified."""
     name = recording.name or "recording"
     sensors, on_map = vehicle.sensing(), Map(recording.map_origin)
-    read = {key: found for key, one in sensors.items() if (found := _read(recording, one, on_map)) is not None}
-    steering = _pick(read, sensors, "steering", name, "a steering angle, which drives every model")
-    imu = _pick(read, sensors, "rates and forces", name, "accelerations and rates")
-    wheels = best_measuring(((key, sensors[key]) for key in read), "rolling speed")
-    ground = best_measuring(((key, sensors[key]) for key in read), "ground speed")
+    measured = {
+        key: measurements
+        for key, sensor in sensors.items()
+        if (measurements := _read(recording, sensor, on_map)) is not None
+    }
+    steering = _pick(measured, sensors, "steering", name, "a steering angle, which drives every model")
+    imu = _pick(measured, sensors, "rates and forces", name, "accelerations and rates")
+    wheels = best_measuring(((key, sensors[key]) for key in measured), "rolling speed")
+    ground = best_measuring(((key, sensors[key]) for key in measured), "ground speed")
     if wheels is None and ground is None:
         raise InputError(f"{name}: expected wheel speeds or a GNSS velocity, found neither in the recording")
-    begin = max(found[0][0] for key, found in read.items() if key in (steering, imu, wheels or ground))
-    end = min(found[0][-1] for key, found in read.items() if key in (steering, imu, wheels or ground))
+    begin = max(
+        measurements[0][0] for key, measurements in measured.items() if key in (steering, imu, wheels or ground)
+    )
+    end = min(measurements[0][-1] for key, measurements in measured.items() if key in (steering, imu, wheels or ground))
     t = np.arange(begin, end, RECORDED.step)
-    known = np.ones(len(t), dtype=bool)
+    covered = np.ones(len(t), dtype=bool)
 
     def at(key: str) -> Array:
-        stamps, value = read[key]
+        stamps, value = measured[key]
         nearest = np.searchsorted(stamps, t).clip(1, len(stamps) - 1)
-        known[:] &= stamps[nearest] - stamps[nearest - 1] < RECORDED.longest_gap
+        covered[:] &= stamps[nearest] - stamps[nearest - 1] < RECORDED.longest_gap
         return np.column_stack([_interpolated(t, stamps, column) for column in value.T])
 
     inertial = at(imu)
@@ -91,25 +97,25 @@ def signals(recording: Recording, vehicle: Vehicle) -> Signals:
         key = ground or wheels
         assert key is not None
         spins = None
-        speed = sensors[key].speeds(*_of_speed(read, key, radii))
-        speed = np.interp(t, read[key][0][np.isfinite(speed)], speed[np.isfinite(speed)])
+        speed = sensors[key].speeds(*_of_speed(measured, key, radii))
+        speed = np.interp(t, measured[key][0][np.isfinite(speed)], speed[np.isfinite(speed)])
     lever = np.asarray(getattr(sensors[imu], "position", (0.0, 0.0, 0.0)))
     forces = _at_cog(forces, np.nan_to_num(rates), lever)
-    return Signals(name, t, angle, speed, spins, forces, rates, known & (speed > RECORDED.least_speed))
+    return Signals(name, t, angle, speed, spins, forces, rates, covered & (speed > RECORDED.least_speed))
 
 
-def _of_speed(read: Mapping[str, tuple[Array, Array]], key: str, radii: Array) -> tuple[Array, Array]:
-    return read[key][1], radii
+def _of_speed(measured: Mapping[str, tuple[Array, Array]], key: str, radii: Array) -> tuple[Array, Array]:
+    return measured[key][1], radii
 
 
 def _read(recording: Recording, sensor: SensorBase, on_map: Map) -> tuple[Array, Array] | None:
     """Times [s] and measurements (N, m) in the axes of the car; None where there are none."""
     if sensor.topic not in recording or len(recording[sensor.topic]) < 2:
         return None
-    read = Reader(0, sensor, on_map).measurements(recording[sensor.topic])
-    if len(read.stamp) < 2:
+    measurements = Reader(0, sensor, on_map).measurements(recording[sensor.topic])
+    if len(measurements.stamp) < 2:
         return None
-    stamps, measured = _joined(read.stamp, read.value)
+    stamps, measured = _joined(measurements.stamp, measurements.value)
     return np.asarray((stamps - recording.first_stamp) * 1e-9, dtype=np.float64), sensor.in_axes_of_car(measured)
 
 
@@ -117,23 +123,25 @@ def _joined(stamps: NDArray[np.int64], value: Array) -> tuple[NDArray[np.int64],
     """Stamps in order, each once, and measurements (N, m): of messages with one stamp the first number that is there,
     as rates and accelerations may come in two frames."""
     once, place = np.unique(stamps, return_inverse=True)
-    found = np.full((len(once), value.shape[1]), np.nan)
+    merged = np.full((len(once), value.shape[1]), np.nan)
     for column in range(value.shape[1]):
-        there = np.flatnonzero(np.isfinite(value[:, column]))[::-1]
-        found[place[there], column] = value[there, column]
-    return once, found
+        finite = np.flatnonzero(np.isfinite(value[:, column]))[::-1]
+        merged[place[finite], column] = value[finite, column]
+    return once, merged
 
 
-def _pick(read: Mapping[str, object], sensors: Mapping[str, SensorBase], what: str, name: str, words: str) -> str:
-    found = best_measuring(((key, sensors[key]) for key in read), what)  # type: ignore[arg-type]
-    if found is None:
-        raise InputError(f"{name}: expected {words}; no sensor of the vehicle file gives it in this recording")
-    return found
+def _pick(
+    measured: Mapping[str, object], sensors: Mapping[str, SensorBase], quantity: str, name: str, needed: str
+) -> str:
+    chosen = best_measuring(((key, sensors[key]) for key in measured), quantity)  # type: ignore[arg-type]
+    if chosen is None:
+        raise InputError(f"{name}: expected {needed}; no sensor of the vehicle file gives it in this recording")
+    return chosen
 
 
 def _interpolated(t: Array, stamps: Array, value: Array) -> Array:
-    there = np.isfinite(value)
-    return np.interp(t, stamps[there], value[there]) if there.sum() > 1 else np.full(len(t), np.nan)
+    finite = np.isfinite(value)
+    return np.interp(t, stamps[finite], value[finite]) if finite.sum() > 1 else np.full(len(t), np.nan)
 
 
 def _alike(spins: Array, radii: Array, yaw_rate: Array, speed: Array) -> Array:
@@ -159,48 +167,55 @@ def _at_cog(forces: Array, rates: Array, lever: Array) -> Array:
     return forces - np.cross(turning, lever) - np.cross(rates, np.cross(rates, np.broadcast_to(lever, rates.shape)))
 
 
-def drives(found: Sequence[Signals], model: str) -> list[Drive]:
+def drives(signals_of_drives: Sequence[Signals], model: str) -> list[Drive]:
     """The longest stretch of each recording without a gap, for the model "best" or "single_track". Raises `InputError`
     where there is none, or a sensor is missing that the model needs."""
-    made = []
-    for one in found:
+    stretches = []
+    for recorded in signals_of_drives:
         if model == "best":
-            spins = _need(one.spins, one.name, "the speeds of all four wheels")
-            inputs = np.column_stack([one.steering, spins])
-            outputs = np.column_stack([one.forces[:, :2], one.rates[:, [0, 2]]])
+            spins = _need(recorded.spins, recorded.name, "the speeds of all four wheels")
+            inputs = np.column_stack([recorded.steering, spins])
+            outputs = np.column_stack([recorded.forces[:, :2], recorded.rates[:, [0, 2]]])
         else:
-            inputs = np.column_stack([one.steering, one.speed])
-            outputs = np.column_stack([one.forces[:, 1], one.rates[:, 2]])
+            inputs = np.column_stack([recorded.steering, recorded.speed])
+            outputs = np.column_stack([recorded.forces[:, 1], recorded.rates[:, 2]])
         if not np.isfinite(outputs).any(axis=0).all():
-            raise InputError(f"{one.name}: a signal that the model {model} is compared with is not in the recording")
-        stretch = _longest(one.known & np.isfinite(inputs).all(axis=1) & np.isfinite(outputs).all(axis=1))
+            raise InputError(
+                f"{recorded.name}: a signal that the model {model} is compared with is not in the recording"
+            )
+        stretch = _longest(recorded.known & np.isfinite(inputs).all(axis=1) & np.isfinite(outputs).all(axis=1))
         if (stretch.stop - stretch.start) * RECORDED.step < RECORDED.shortest:
             raise InputError(
-                f"{one.name}: nowhere {RECORDED.shortest:g} s of driving above {RECORDED.least_speed:g} m/s without a "
-                "gap in a sensor; record a longer drive"
+                f"{recorded.name}: nowhere {RECORDED.shortest:g} s of driving above {RECORDED.least_speed:g} m/s "
+                "without a gap in a sensor; record a longer drive"
             )
-        _refuse_spin(one, stretch)
-        cut_off = cut_off_of(one, stretch)
+        _refuse_spin(recorded, stretch)
+        cut_off = cut_off_of(recorded, stretch)
         inputs, raw = inputs[stretch], outputs[stretch]
         inputs, outputs = (low_passed(values, RECORDED.step, cut_off) for values in (inputs, raw))
         start = np.zeros(13 if model == "best" else 4)
         if model == "best":
-            start[0], start[2] = one.speed[stretch.start], _mean(one.rates[stretch.start : stretch.start + 20, 2])
+            start[0], start[2] = (
+                recorded.speed[stretch.start],
+                _mean(recorded.rates[stretch.start : stretch.start + 20, 2]),
+            )
         else:
             start[1] = outputs[0, 1]
-        begin, every = float(one.t[stretch.start]), independent(RECORDED.step, cut_off)
+        begin, every = float(recorded.t[stretch.start]), independent(RECORDED.step, cut_off)
         noise = left_by(cut_off, raw - outputs)
-        made.append(Drive(one.name, RECORDED.step, inputs, outputs, np.nan_to_num(start), begin, every, tuple(noise)))
-    return made
+        stretches.append(
+            Drive(recorded.name, RECORDED.step, inputs, outputs, np.nan_to_num(start), begin, every, tuple(noise))
+        )
+    return stretches
 
 
 def _mean(values: Array) -> float:
     return float(np.nanmean(values)) if np.isfinite(values).any() else 0.0
 
 
-def _need(value: Array | None, name: str, what: str) -> Array:
+def _need(value: Array | None, name: str, needed: str) -> Array:
     if value is None:
-        raise InputError(f"{name}: this model needs {what}; use --model single_track, which needs a speed alone")
+        raise InputError(f"{name}: this model needs {needed}; use --model single_track, which needs a speed alone")
     return value
 
 
@@ -211,15 +226,15 @@ def left_by(cut_off: float, taken_away: Array) -> Array:
     return np.asarray(taken_away.std(axis=0) * np.sqrt(cut_off / (nyquist - cut_off)))
 
 
-def cut_off_of(one: Signals, stretch: slice) -> float:
+def cut_off_of(recorded: Signals, stretch: slice) -> float:
     """Cut-off frequency of the low-pass [Hz]: lower for everyday driving, in which slip is small beside the noise of
     the wheels."""
-    return BEST.everyday_cut_off if _strongest(one, stretch) < BEST.everyday_acceleration else BEST.cut_off
+    return BEST.everyday_cut_off if _strongest(recorded, stretch) < BEST.everyday_acceleration else BEST.cut_off
 
 
-def _strongest(one: Signals, stretch: slice) -> float:
+def _strongest(recorded: Signals, stretch: slice) -> float:
     """Acceleration in the plane that is exceeded for one per cent of the time [m/s²]."""
-    plane = low_passed(np.nan_to_num(one.forces[stretch, :2]), RECORDED.step, 1.0)
+    plane = low_passed(np.nan_to_num(recorded.forces[stretch, :2]), RECORDED.step, 1.0)
     return float(np.percentile(np.hypot(*plane.T), 99))
 
 
@@ -232,16 +247,16 @@ def _longest(good: Mask) -> slice:
     return slice(int(begins[at]), int(ends[at]))
 
 
-def _refuse_spin(one: Signals, stretch: slice) -> None:
+def _refuse_spin(recorded: Signals, stretch: slice) -> None:
     """Raises `InputError` where the car spins: where its yaw rate is far beyond what its path turns."""
     part = slice(stretch.start, stretch.stop)
-    path = low_passed(np.nan_to_num(one.forces[part, 1:2]), RECORDED.step, 1.0)[:, 0] / one.speed[part]
-    yaw = low_passed(np.nan_to_num(one.rates[part, 2:3]), RECORDED.step, 1.0)[:, 0]
+    path = low_passed(np.nan_to_num(recorded.forces[part, 1:2]), RECORDED.step, 1.0)[:, 0] / recorded.speed[part]
+    yaw = low_passed(np.nan_to_num(recorded.rates[part, 2:3]), RECORDED.step, 1.0)[:, 0]
     over = np.abs(yaw) - np.abs(path) - 0.15
     slip = np.degrees(np.convolve(np.clip(over, 0, None), np.ones(100), "same") * RECORDED.step)
     if slip.max() > RECORDED.spin_angle:
-        at = one.t[part][int(np.argmax(slip))]
+        at = recorded.t[part][int(np.argmax(slip))]
         raise InputError(
-            f"{one.name}: at {at:.1f} s the car turns {slip.max():.0f}° beyond its path within a second: a spin, in "
-            "which no parameter of its tyres can be determined; leave that part out"
+            f"{recorded.name}: at {at:.1f} s the car turns {slip.max():.0f}° beyond its path within a second: a spin, "
+            "in which no parameter of its tyres can be determined; leave that part out"
         )

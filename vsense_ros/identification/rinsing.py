@@ -75,7 +75,7 @@ class Drive:
         )  # fmt: skip
 
     @property
-    def given(self) -> Array:
+    def sampled_outputs(self) -> Array:
         """Outputs (N, m) that a filter is given; the others are not numbers."""
         if self.every == 1:
             return self.outputs
@@ -278,12 +278,12 @@ class Identifier:
                 f"{self.free[at]} went to {belief.mean[at]:.4g}, beyond its bounds {self.low[at]:.4g} and "
                 f"{self.high[at]:.4g}"
             )
-        made = Pass(
+        filter_pass = Pass(
             belief.mean, self.moved(np.asarray(values), belief.mean), float(np.sqrt(total / max(count, 1))),
             np.nanmean(np.concatenate(squares), axis=0), seconds, np.concatenate(history),
             np.concatenate(traces), tuple(beliefs),
         )  # fmt: skip
-        return belief, made
+        return belief, filter_pass
 
     def _along(self, drive: Drive, belief: Gaussian, variance: Array) -> tuple[Array, Array, Gaussian]:
         """One drive: normalized innovations squared, memory, and what the parameters are believed to be at its end."""
@@ -292,15 +292,15 @@ class Identifier:
         spread[:n, :n], spread[n:, n:] = np.diag(np.square(self.noise.start)), belief.covariance
         self.filter.inputs[:] = drive.inputs[0]
         self.filter.start(Gaussian(np.concatenate([drive.start, belief.mean]), spread))
-        course = Course(SENSOR, drive.inputs, drive.given, variance, drive.h)
+        course = Course(SENSOR, drive.inputs, drive.sampled_outputs, variance, drive.h)
         nis, memory = self.filter.follow(course, RINSING.history)
         end = self.filter.belief()
         return nis, memory, Gaussian(end.mean[n:], end.covariance[n:, n:])
 
     def outputs(self, means: Array, inputs: Array) -> Array:
         """What the model's outputs (c, m) are at states with parameters (c, n + p) and inputs (c, k)."""
-        found = self._outputs.map(len(means))(means.T, inputs.T, np.tile(self._others[:, None], len(means)))
-        return np.array(found).T
+        outputs = self._outputs.map(len(means))(means.T, inputs.T, np.tile(self._others[:, None], len(means)))
+        return np.array(outputs).T
 
     def moved(self, before: Array, after: Array) -> float:
         """How far the curves moved, of their peaks; without curves, the parameters, of their sizes."""
@@ -334,16 +334,18 @@ def rinse(
     for index in range(schedule.passes):
         variance = schedule.variance(passes[-1] if passes else None, identifier.noise.outputs)
         try:
-            made = _cautiously(identifier, drives, values, schedule.deviations(index, identifier.scales), variance)
+            filter_pass = _cautiously(
+                identifier, drives, values, schedule.deviations(index, identifier.scales), variance
+            )
         except FloatingPointError:
             if not passes:
                 raise
             break
-        passes.append(made)
-        values = made.values
+        passes.append(filter_pass)
+        values = filter_pass.values
         if progress is not None:
             progress((index + 1) / schedule.passes)
-        if made.moved < schedule.still and schedule.may_end(index):
+        if filter_pass.moved < schedule.still and schedule.may_end(index):
             break
     if progress is not None:
         progress(1.0)

@@ -19,16 +19,16 @@ def sizes(car: CatalogueValues) -> dict[str, TyreSize]:
     return {"front": tyre_size(car.tyre), "rear": tyre_size(car.tyre_rear or car.tyre)}
 
 
-def axles(car: CatalogueValues, rules: Rules, known: dict[str, Estimated]) -> dict[str, Estimated]:
+def axles(car: CatalogueValues, rules: Rules, of_body: dict[str, Estimated]) -> dict[str, Estimated]:
     """Numbers of `physics.front` and `physics.rear` but for the tyres' forces, by dotted path; `known` are those of the
     body."""
-    numbers = dict(known)
+    numbers = dict(of_body)
     for axle, size in sizes(car).items():
         track = car.track if axle == "front" else car.track_rear or car.track
         numbers |= {f"physics.{axle}.{name}": value for name, value in _unsprung(car, rules, size, track, axle).items()}
         numbers |= {f"physics.{axle}.{name}": value for name, value in _suspension(car, rules, numbers, axle).items()}
     numbers |= _bars(numbers, rules)
-    return {name: value for name, value in numbers.items() if name not in known}
+    return {name: value for name, value in numbers.items() if name not in of_body}
 
 
 def _unsprung(car: CatalogueValues, rules: Rules, size: TyreSize, track: float, axle: str) -> dict[str, Estimated]:
@@ -84,12 +84,12 @@ def _bars(numbers: dict[str, Estimated], rules: Rules) -> dict[str, Estimated]:
     total = moment / gradient + moment * GRAVITY
     shares = {"front": share + rules["front_roll_excess"].value}
     shares["rear"] = 1 - shares["front"]
-    found = {}
+    bars = {}
     for axle in AXLES:
         half_square = numbers[f"physics.{axle}.track"].value ** 2 / 2
         spring = numbers[f"physics.{axle}.suspension_stiffness"].value
         bar = max((shares[axle] * total / half_square - spring) / 2, 0.0)
         rule = rules["roll_gradient"]
         deviation = rules["roll_stiffness_error"].deviation * max(bar, 0.1 * spring)
-        found[f"physics.{axle}.antiroll_stiffness"] = Estimated(bar, deviation, rule.rule, rule.source)
-    return found
+        bars[f"physics.{axle}.antiroll_stiffness"] = Estimated(bar, deviation, rule.rule, rule.source)
+    return bars

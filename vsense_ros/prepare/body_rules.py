@@ -55,8 +55,8 @@ def sprung_mass(numbers: dict[str, Estimated], car: CatalogueValues, axle: str) 
     unsprung = [numbers[f"physics.{axle}.{part}"] for part in ("hub_mass", "wheel_mass")]
     load = mass.value * distance.value / car.wheelbase / 2
     return Estimated(
-        load - sum(one.value for one in unsprung),
-        hypot(load * mass.relative, load * distance.relative, *(one.deviation for one in unsprung)),
+        load - sum(part_mass.value for part_mass in unsprung),
+        hypot(load * mass.relative, load * distance.relative, *(part_mass.deviation for part_mass in unsprung)),
     )
 
 

@@ -67,17 +67,17 @@ def course(drives: Sequence[CalibrationDrive], car: Vehicle) -> Iterator[Calibra
     mean = np.array([-bias, 0.0, arm + place, -slip, -scale])
     places_off, slip_off = max(stated, default=ANTENNA_DEVIATION), relative_compliance(car, "rear") * slip
     prior = np.array([max(imu[1].rate_bias, 1e-4), _LATENCY, places_off, slip_off, GYRO_SCALE_DEVIATION])
-    found = posterior(blocks, mean, prior)
-    yield _gyro(imu[0], bias, found)
-    yield _scale(imu[0], scale, found)
-    yield _latency(car, imu[0], found)
-    yield _antenna(places, car, place, found)
-    yield _rear(car, found)
+    estimated = posterior(blocks, mean, prior)
+    yield _gyro(imu[0], bias, estimated)
+    yield _scale(imu[0], scale, estimated)
+    yield _latency(car, imu[0], estimated)
+    yield _antenna(places, car, place, estimated)
+    yield _rear(car, estimated)
 
 
 def _blocks(drive: CalibrationDrive) -> Iterator[tuple[Array, Array]]:
     """Rows of the equation, its constant taken off, times the speed: the course errs by velocity over speed."""
-    east, north = (drive.smooth(one) for one in drive.velocity.T)
+    east, north = (drive.smooth(component) for component in drive.velocity.T)
     rate, speed = drive.yaw_rate, drive.speed
     length = round(CALIBRATION.block / CALIBRATION.step)
     for begin in range(0, len(drive.t) - length + 1, length):
@@ -93,56 +93,56 @@ def _blocks(drive: CalibrationDrive) -> Iterator[tuple[Array, Array]]:
         yield (x - centre[:-1]) * v[:, None], (y - centre[-1]) * v
 
 
-def _gyro(name: str, before: float, found: Posterior) -> Calibrated:
-    after, deviation = -float(found.values[0]), float(found.deviations[0])
+def _gyro(name: str, before: float, estimated: Posterior) -> Calibrated:
+    after, deviation = -float(estimated.values[0]), float(estimated.deviations[0])
     return Calibrated(
-        "bias of the yaw rate", "rad/s", before, after, float(found.prior[0]), deviation,
+        "bias of the yaw rate", "rad/s", before, after, float(estimated.prior[0]), deviation,
         {f"sensors.{name}.rate_offset.2": Change(_rounded(after, 1e-6), deviation)},
         "any drive with GNSS of a few minutes",
     )  # fmt: skip
 
 
-def _scale(name: str, before: float, found: Posterior) -> Calibrated:
-    after, deviation = -float(found.values[4]), float(found.deviations[4])
+def _scale(name: str, before: float, estimated: Posterior) -> Calibrated:
+    after, deviation = -float(estimated.values[4]), float(estimated.deviations[4])
     return Calibrated(
-        "error of the yaw rate's scale", "-", before, after, float(found.prior[4]), deviation,
+        "error of the yaw rate's scale", "-", before, after, float(estimated.prior[4]), deviation,
         {f"sensors.{name}.rate_scale.2": Change(_rounded(after, 1e-5), deviation)},
         "full turns in both directions with GNSS, such as roundabouts",
     )  # fmt: skip
 
 
-def _latency(car: Vehicle, imu: str, found: Posterior) -> Calibrated:
+def _latency(car: Vehicle, imu: str, estimated: Posterior) -> Calibrated:
     """GNSS is late, or what comes with the gyro over the bus: no message is stamped before its measurement."""
-    late, deviation = float(found.values[1]), float(found.deviations[1])
+    delay, deviation = float(estimated.values[1]), float(estimated.deviations[1])
     bus = Imu | Steering | WheelSpeeds
-    name = "latency of GNSS" if late > 0 else "latency of the bus (inertial sensor, steering, wheels)"
-    on = [n for n, s in car.sensors.items() if isinstance(s, Receiver if late > 0 else bus)]
-    first = car.sensors[on[0] if late > 0 else imu].latency
+    name = "latency of GNSS" if delay > 0 else "latency of the bus (inertial sensor, steering, wheels)"
+    delayed = [n for n, s in car.sensors.items() if isinstance(s, Receiver if delay > 0 else bus)]
+    first = car.sensors[delayed[0] if delay > 0 else imu].latency
     changes = {
-        f"sensors.{n}.latency": Change(_rounded(car.sensors[n].latency + abs(late), 1e-4), deviation) for n in on
+        f"sensors.{n}.latency": Change(_rounded(car.sensors[n].latency + abs(delay), 1e-4), deviation) for n in delayed
     }
-    worth = max(deviation, _SMALLEST_LATENCY) < abs(late)
+    worth = max(deviation, _SMALLEST_LATENCY) < abs(delay)
     return Calibrated(
-        name, "s", first, first + abs(late) if worth else first, float(found.prior[1]), deviation,
+        name, "s", first, first + abs(delay) if worth else first, float(estimated.prior[1]), deviation,
         changes if worth else {}, "bends in both directions with GNSS, such as roundabouts",
     )  # fmt: skip
 
 
-def _antenna(places: Sequence[str], car: Vehicle, before: float, found: Posterior) -> Calibrated:
-    after = float(found.values[2]) - car.physics.chassis.cog_to_rear_axle
-    deviation = float(found.deviations[2])
+def _antenna(places: Sequence[str], car: Vehicle, before: float, estimated: Posterior) -> Calibrated:
+    after = float(estimated.values[2]) - car.physics.chassis.cog_to_rear_axle
+    deviation = float(estimated.deviations[2])
     return Calibrated(
-        "place of the GNSS antenna ahead of the centre of gravity", "m", before, after, float(found.prior[2]),
+        "place of the GNSS antenna ahead of the centre of gravity", "m", before, after, float(estimated.prior[2]),
         deviation,
         {f"sensors.{name}.position.0": Change(_rounded(after, 1e-3), deviation) for name in places},
         "tight bends at 15 to 30 km/h in both directions, with GNSS",
     )  # fmt: skip
 
 
-def _rear(car: Vehicle, found: Posterior) -> Calibrated:
+def _rear(car: Vehicle, estimated: Posterior) -> Calibrated:
     scale, before = car.physics.rear.cornering_scale, rear_compliance(car)
-    after = max(-float(found.values[3]), 0.2 * before)
-    relative = float(found.deviations[3]) / after
+    after = max(-float(estimated.values[3]), 0.2 * before)
+    relative = float(estimated.deviations[3]) / after
     value = scale * before / after
     return Calibrated(
         "cornering stiffness of the rear axle over the file's tyre", "-", scale, value,

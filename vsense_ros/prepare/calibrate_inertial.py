@@ -41,22 +41,22 @@ def inertial(drives: Sequence[CalibrationDrive], car: Vehicle) -> Iterator[Calib
     if sensor is None or all(np.isnan(drive.forces[:, :2]).all() for drive in drives):
         return
     name, imu = sensor
-    forward, left = _forward(drives, imu), _left(drives, car, imu)
-    if forward is None or left is None:
+    forward, leftward = _forward(drives, imu), _left(drives, car, imu)
+    if forward is None or leftward is None:
         return
-    whole = any(np.isfinite(drive.forces[:, 2]).any() for drive in drives)
-    yaw = _joined((-left.values[2], left.deviations[2]), (forward.values[2], forward.deviations[2]))
+    has_all_axes = any(np.isfinite(drive.forces[:, 2]).any() for drive in drives)
+    yaw = _joined((-leftward.values[2], leftward.deviations[2]), (forward.values[2], forward.deviations[2]))
     tilts, offsets = [], []
-    for k, (post, sign, slope) in enumerate(((left, 1.0, _CROSSFALL), (forward, -1.0, _mean_grade(drives, car)))):
-        by_gyro = _tilt_by_gyro(drives, k, left) if whole else None
-        tilt, offset = _tilt_and_offset(post, sign * GRAVITY, slope, by_gyro, imu.force_bias, whole)
+    for k, (post, sign, slope) in enumerate(((leftward, 1.0, _CROSSFALL), (forward, -1.0, _mean_grade(drives, car)))):
+        by_gyro = _tilt_by_gyro(drives, k, leftward) if has_all_axes else None
+        tilt, offset = _tilt_and_offset(post, sign * GRAVITY, slope, by_gyro, imu.force_bias, has_all_axes)
         tilts.append(tilt)
         offsets.append(offset)
-    if whole:
+    if has_all_axes:
         yield from _mounting(name, imu, [*tilts, yaw])
     for axis, words, (value, deviation) in ((0, "longitudinal", offsets[1]), (1, "lateral", offsets[0])):
         before = imu.force_offset[axis]
-        prior = max(imu.force_bias, GRAVITY * _TILT * (not whole))
+        prior = max(imu.force_bias, GRAVITY * _TILT * (not has_all_axes))
         yield Calibrated(
             f"offset of the {words} accelerometer", "m/s²", before, value, prior, deviation,
             {f"sensors.{name}.force_offset.{axis}": Change(round(value, 4), deviation)}, _ADVICE,
@@ -94,35 +94,35 @@ def _mean_grade(drives: Sequence[CalibrationDrive], car: Vehicle) -> float:
     return float(car.observer.surroundings.grade * np.sqrt(_GRADE_LENGTH / (_GRADE_LENGTH + distance)))
 
 
-def _tilt_by_gyro(drives: Sequence[CalibrationDrive], axis: int, left: Posterior) -> tuple[float, float] | None:
+def _tilt_by_gyro(drives: Sequence[CalibrationDrive], axis: int, leftward: Posterior) -> tuple[float, float] | None:
     """Roll (axis 0) or pitch (1) of the mounting by what the gyro across reads of turns, with its deviation [rad].
 
     The body leans in a turn as well, in proportion to the lateral force, of which `left` says by how much. A gyro that
     is not exactly across reads a share of the turn, too, which no drive can distinguish from a tilt.
     """
-    other, sign = (1, 1.0) if axis == 0 else (0, -1.0)
-    leaning = (left.values[1] - 1) / GRAVITY if axis == 0 else 0.0
+    axis_across, sign = (1, 1.0) if axis == 0 else (0, -1.0)
+    leaning = (leftward.values[1] - 1) / GRAVITY if axis == 0 else 0.0
     blocks: list[tuple[Array, Array]] = []
     for drive in drives:
         rate = drive.yaw_rate
         lateral = drive.speed * rate
         x = np.column_stack([rate, np.ones(len(rate)), drive.slope(lateral), lateral * rate])
-        blocks += drive.blocks(x, drive.smooth(drive.rates[:, other]), drive.driving)
+        blocks += drive.blocks(x, drive.smooth(drive.rates[:, axis_across]), drive.driving)
     if not blocks:
         return None
-    prior = np.array([_TILT, _GYRO_BIAS, _LEANING, max(left.deviations[1] / GRAVITY, 1e-4)])
-    found = posterior(blocks, np.array([0.0, 0.0, 0.0, leaning]), prior)
-    return sign * float(found.values[0]), float(np.hypot(found.deviations[0], _CROSS_AXIS))
+    prior = np.array([_TILT, _GYRO_BIAS, _LEANING, max(leftward.deviations[1] / GRAVITY, 1e-4)])
+    estimated = posterior(blocks, np.array([0.0, 0.0, 0.0, leaning]), prior)
+    return sign * float(estimated.values[0]), float(np.hypot(estimated.deviations[0], _CROSS_AXIS))
 
 
 def _tilt_and_offset(
-    force: Posterior, gain: float, slope: float, by_gyro: tuple[float, float] | None, bias: float, whole: bool
+    force: Posterior, gain: float, slope: float, by_gyro: tuple[float, float] | None, bias: float, has_all_axes: bool
 ) -> tuple[tuple[float, float], tuple[float, float]]:
     """Tilt [rad] and offset [m/s²], each with its deviation, of the mean force = gain (tilt + slope) + offset, given
     the tilt by the gyro and the standard deviation of the roads' mean `slope` [rad]. Without all axes the tilt cannot
     be taken off, and all of it is offset."""
     mean, deviation = float(force.values[0]), float(force.deviations[0])
-    if not whole:
+    if not has_all_axes:
         return (0.0, 0.0), (mean, float(np.hypot(deviation, GRAVITY * slope)))
     design = np.array([[gain, 1.0]])
     weight = 1 / (deviation**2 + (GRAVITY * slope) ** 2)
@@ -137,21 +137,21 @@ def _tilt_and_offset(
     return (float(tilt), float(sigma[0])), (float(offset), float(sigma[1]))
 
 
-def _joined(one: tuple[float, float], other: tuple[float, float]) -> tuple[float, float]:
+def _joined(first: tuple[float, float], second: tuple[float, float]) -> tuple[float, float]:
     """Mean of two estimates with their deviations, by their precisions."""
-    weights = one[1] ** -2, other[1] ** -2
+    weights = first[1] ** -2, second[1] ** -2
     return (
-        float((one[0] * weights[0] + other[0] * weights[1]) / sum(weights)),
+        float((first[0] * weights[0] + second[0] * weights[1]) / sum(weights)),
         float(sum(weights) ** -0.5),
     )
 
 
-def _mounting(name: str, imu: Imu, found: Sequence[tuple[float, float]]) -> Iterator[Calibrated]:
+def _mounting(name: str, imu: Imu, small_angles: Sequence[tuple[float, float]]) -> Iterator[Calibrated]:
     """The attitude of the file, turned by the small angles that were found."""
-    determined = [value if deviation < 0.6 * _TILT else 0.0 for value, deviation in found]
+    determined = [value if deviation < 0.6 * _TILT else 0.0 for value, deviation in small_angles]
     turned = Rotation.from_rotvec(determined) * Rotation.from_euler("xyz", imu.attitude)
     attitude = turned.as_euler("xyz")
-    for axis, (words, after, (_, deviation)) in enumerate(zip(_AXES, attitude, found, strict=True)):
+    for axis, (words, after, (_, deviation)) in enumerate(zip(_AXES, attitude, small_angles, strict=True)):
         yield Calibrated(
             f"{words} of the inertial sensor's mounting", "rad", imu.attitude[axis], float(after), _TILT, deviation,
             {f"sensors.{name}.attitude.{axis}": Change(round(float(after), 5), deviation)}, _ADVICE,

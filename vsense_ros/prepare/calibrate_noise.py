@@ -41,22 +41,24 @@ def noise_levels(drives: Sequence[CalibrationDrive], car: Vehicle) -> Iterator[C
 def _levels(drives: Sequence[CalibrationDrive], key: str, latency: float) -> NDArray[np.float64]:
     """Root mean square over drives of the scatter of each component, and of its change in the standard deviation
     `latency` [s] of its age; NaN where it is not known."""
-    known = []
+    powers = []
     for drive in drives:
         if key in drive.noise:
             change = latency * drive.slope(drive.smooth(getattr(drive, key)))
             moving = np.isfinite(change)
             power = np.where(moving, change, 0.0) ** 2
-            known.append(drive.noise[key] ** 2 + power.sum(axis=0) / np.maximum(moving.sum(axis=0), 1))
-    return np.asarray(np.sqrt(np.mean(known, axis=0))) if known else np.array([np.nan])
+            powers.append(drive.noise[key] ** 2 + power.sum(axis=0) / np.maximum(moving.sum(axis=0), 1))
+    return np.asarray(np.sqrt(np.mean(powers, axis=0))) if powers else np.array([np.nan])
 
 
 def _latency(car: Vehicle, name: str) -> float:
     """Standard deviation of the latency of a sensor [s], which the drives have left."""
     stated = car.uncertainty.get(f"sensors.{name}.latency")
     if stated is None:  # of the two between which a latency was measured, the other one is the late one
-        known = [one.deviation for path, one in car.uncertainty.items() if path.endswith(".latency")]
-        return max(known, default=0.0) / 2
+        deviations = [
+            stated_latency.deviation for path, stated_latency in car.uncertainty.items() if path.endswith(".latency")
+        ]
+        return max(deviations, default=0.0) / 2
     return stated.deviation
 
 

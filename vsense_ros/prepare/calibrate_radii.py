@@ -20,7 +20,7 @@ _STEADY = 0.5  # [m/s²] below which drive slip is small
 
 def radii(drives: Sequence[CalibrationDrive], car: Vehicle) -> Iterator[Calibrated]:
     """Unloaded radii of both axles, such that the loaded tyres roll as they did."""
-    known = rolling_radii(car)
+    nominal_radii = rolling_radii(car)
     for axle, wheels in (("front", slice(0, 2)), ("rear", slice(2, 4))):
         if all(np.isnan(drive.spin).all() for drive in drives):
             continue
@@ -30,14 +30,14 @@ def radii(drives: Sequence[CalibrationDrive], car: Vehicle) -> Iterator[Calibrat
             straight = np.abs(drive.yaw_rate) < CALIBRATION.straight
             steady = np.abs(drive.slope(drive.speed)) < _STEADY
             blocks += drive.blocks(spin[:, None], drive.speed, drive.driving & straight & steady)
-        path, before = f"physics.{axle}.unloaded_radius", float(known[wheels][0])
+        path, before = f"physics.{axle}.unloaded_radius", float(nominal_radii[wheels][0])
         unloaded = getattr(car.physics, axle).unloaded_radius
         prior = car.deviations().get(f"{axle}.unloaded_radius", car.observer.surroundings.radius_error * unloaded)
         advice = "straight ahead at a constant speed above 50 km/h for two minutes, with GNSS"
         if not blocks:
             yield Calibrated(f"rolling radius, {axle}", "m", before, before, prior, prior, {}, advice)
             continue
-        found = posterior(blocks, np.array([before]), np.array([prior]))
-        after, deviation = float(found.values[0]), float(found.deviations[0])
+        estimated = posterior(blocks, np.array([before]), np.array([prior]))
+        after, deviation = float(estimated.values[0]), float(estimated.deviations[0])
         changes = {path: Change(round(unloaded + after - before, 5), deviation)}
         yield Calibrated(f"rolling radius, {axle}", "m", before, after, prior, deviation, changes, advice)

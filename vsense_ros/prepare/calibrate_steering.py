@@ -34,8 +34,8 @@ def steering(drives: Sequence[CalibrationDrive], car: Vehicle) -> Iterator[Calib
     for drive in drives:
         # A slow receiver knows a speed, which changes slowly; a turn at a junction is over in a few of its messages.
         speed, rate, angle = (
-            drive.smooth(one, CALIBRATION.cut_off)
-            for one in (np.hypot(*drive.velocity.T), drive.rates[:, 2], drive.steering)
+            drive.smooth(component, CALIBRATION.cut_off)
+            for component in (np.hypot(*drive.velocity.T), drive.rates[:, 2], drive.steering)
         )
         with np.errstate(invalid="ignore", divide="ignore"):
             x = np.column_stack([wheelbase * rate / speed, speed * rate, np.ones(len(speed)), drive.slope(angle)])
@@ -44,19 +44,23 @@ def steering(drives: Sequence[CalibrationDrive], car: Vehicle) -> Iterator[Calib
         return
     front, rear = compliance(car, "front"), compliance(car, "rear")
     name, settings = sensor
-    own = settings.ratio is not None or any(drive.at_road_wheel for drive in drives)
+    own_scale = settings.ratio is not None or any(drive.at_road_wheel for drive in drives)
     path, before = (
-        (f"sensors.{name}.gain", settings.gain) if own else ("physics.steering.ratio", car.physics.steering.ratio)
+        (f"sensors.{name}.gain", settings.gain) if own_scale else ("physics.steering.ratio", car.physics.steering.ratio)
     )
     stated = _relative_deviation(car, path, before)
     spread = np.hypot(relative_compliance(car, "front") * front, relative_compliance(car, "rear") * rear)
     prior = np.array([stated, spread, max(around.steering_offset, 1e-4), _LAG])
-    found = posterior(blocks, np.array([1.0, front - rear, 0.0, 0.0]), prior)
-    share, known = float(found.values[0]), float(found.deviations[0])
-    yield _gain(name, before, stated, share, known) if own else _ratio(before, stated, share, known)
-    yield _offset(float(found.values[2]) / share, float(found.deviations[2]) / share, around.steering_offset)
-    after = float(found.values[1]) / share + rear
-    deviation = float(np.hypot(found.deviations[1] / share, relative_compliance(car, "rear") * rear))
+    estimated = posterior(blocks, np.array([1.0, front - rear, 0.0, 0.0]), prior)
+    share, share_deviation = float(estimated.values[0]), float(estimated.deviations[0])
+    yield (
+        _gain(name, before, stated, share, share_deviation)
+        if own_scale
+        else _ratio(before, stated, share, share_deviation)
+    )
+    yield _offset(float(estimated.values[2]) / share, float(estimated.deviations[2]) / share, around.steering_offset)
+    after = float(estimated.values[1]) / share + rear
+    deviation = float(np.hypot(estimated.deviations[1] / share, relative_compliance(car, "rear") * rear))
     scale, after = car.physics.front.cornering_scale, max(after, 0.2 * front)
     value = scale * front / after
     yield Calibrated(

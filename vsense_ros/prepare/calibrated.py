@@ -76,7 +76,7 @@ def apply(vehicle: Vehicle, quantities: Iterable[Calibrated], source: str) -> Ve
     Raises `InputError` where there can be no such car.
     """
     document = vehicle.model_dump(mode="json")
-    for path, value, deviation in (written for quantity in quantities for written in quantity.written()):
+    for path, value, deviation in (number for quantity in quantities for number in quantity.written()):
         if value is not None:
             _put(document, path, value)
         if deviation > 0:

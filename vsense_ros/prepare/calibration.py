@@ -56,16 +56,20 @@ class Calibration(Printable):
     @property
     def title(self) -> str:
         """Name of the vehicle, and how many quantities changed."""
-        changed = sum(one.is_changed for one in self.quantities)
+        changed = sum(quantity.is_changed for quantity in self.quantities)
         return f"{self.vehicle.name}, {changed} of {len(self.quantities)} quantities changed"
 
     def show(self, out: Console) -> None:
         """Print what changed, by how much and how sure that is, and what to drive next."""
         table = plain_table("quantity", "before", "after", "±", "unit", "", right=("before", "after", "±"))
-        for one in self.quantities:
-            stays = "agrees with the file, stays" if one.determined else "not determined, stays"
-            after, words = (f"{one.after:.4g}", "") if one.is_changed else (f"({one.after:.4g})", stays)
-            table.add_row(one.name, f"{one.before:.4g}", after, f"{one.deviation:.2g}", one.unit, words)
+        for quantity in self.quantities:
+            stays = "agrees with the file, stays" if quantity.determined else "not determined, stays"
+            after, verdict = (
+                (f"{quantity.after:.4g}", "") if quantity.is_changed else (f"({quantity.after:.4g})", stays)
+            )
+            table.add_row(
+                quantity.name, f"{quantity.before:.4g}", after, f"{quantity.deviation:.2g}", quantity.unit, verdict
+            )
         out.print(table)
         for sentence in (*self.missing, *self.judgement):
             out.print(sentence)
@@ -84,12 +88,16 @@ class Calibration(Printable):
     @property
     def paths(self) -> tuple[str, ...]:
         """Dotted paths of the numbers whose value or standard deviation has changed."""
-        return tuple(path for one in self.quantities for path, _, _ in one.written())
+        return tuple(path for quantity in self.quantities for path, _, _ in quantity.written())
 
     @property
     def advice(self) -> tuple[str, ...]:
         """What to drive next for the quantities that the drives do not determine, each once."""
-        return tuple(dict.fromkeys(one.drive_next for one in self.quantities if not one.determined and one.drive_next))
+        return tuple(
+            dict.fromkeys(
+                quantity.drive_next for quantity in self.quantities if not quantity.determined and quantity.drive_next
+            )
+        )
 
 
 def calibrate(
@@ -100,15 +108,15 @@ def calibrate(
     Raises `InputError` for recordings without a GNSS velocity or a yaw rate, that are too short, or in which the car
     hardly drives.
     """
-    car, found = vehicle, []
+    car, quantities = vehicle, []
     drives = [drive_of(recording, car) for recording in recordings]
     _check_that_it_drives(drives)
     missing = _missing(drives)
     for estimator in estimators.values():
-        made = list(estimator([drive_of(recording, car) for recording in recordings], car))
-        car = apply(car, made, _source(recordings))
-        found += made
-    return Calibration(vehicle, car, tuple(found), missing)
+        estimated = list(estimator([drive_of(recording, car) for recording in recordings], car))
+        car = apply(car, estimated, _source(recordings))
+        quantities += estimated
+    return Calibration(vehicle, car, tuple(quantities), missing)
 
 
 def calibrate_and_judge(recordings: Sequence[Recording], vehicle: Vehicle) -> Calibration:
@@ -118,22 +126,22 @@ def calibrate_and_judge(recordings: Sequence[Recording], vehicle: Vehicle) -> Ca
     and the file after. If it predicts worse, the parts of the calibration are tried one by one, and those with which it
     predicts worse are left out. Raises `InputError` as `calibrate` does.
     """
-    found = calibrate(recordings, vehicle)
+    calibration = calibrate(recordings, vehicle)
     before = predict(recordings, vehicle)
-    verdict = compare(before, predict(recordings, found.vehicle))
+    verdict = compare(before, predict(recordings, calibration.vehicle))
     if not verdict.is_worse:
-        return replace(found, verdict=verdict)
-    kept: dict[str, Estimator] = {}
+        return replace(calibration, verdict=verdict)
+    accepted: dict[str, Estimator] = {}
     refused: list[str] = []
-    found, best = calibrate(recordings, vehicle, kept), before
+    calibration, best = calibrate(recordings, vehicle, accepted), before
     for name, estimator in ESTIMATORS.items():
-        tried = calibrate(recordings, vehicle, {**kept, name: estimator})
+        tried = calibrate(recordings, vehicle, {**accepted, name: estimator})
         predicted = predict(recordings, tried.vehicle)
         if compare(best, predicted).is_worse:
             refused.append(name)
         else:
-            kept[name], found, best = estimator, tried, predicted
-    return replace(found, verdict=compare(before, best), refused=tuple(refused))
+            accepted[name], calibration, best = estimator, tried, predicted
+    return replace(calibration, verdict=compare(before, best), refused=tuple(refused))
 
 
 def _source(recordings: Sequence[Recording]) -> str:

@@ -63,12 +63,12 @@ class CalibrationDrive:
     def smooth(self, values: Array, cut_off: float | None = None) -> Array:
         """A signal (n, …) without what is faster than a frequency [Hz], by default `cut_off` of the drive; NaN where it
         is not known."""
-        known = np.isfinite(values)
+        finite = np.isfinite(values)
         sections = signal.butter(2, cut_off or self.cut_off, fs=1 / CALIBRATION.step, output="sos")
-        found = signal.sosfiltfilt(sections, np.where(known, values, 0.0), axis=0)
-        weight = signal.sosfiltfilt(sections, known.astype(float), axis=0)
+        filtered = signal.sosfiltfilt(sections, np.where(finite, values, 0.0), axis=0)
+        weight = signal.sosfiltfilt(sections, finite.astype(float), axis=0)
         with np.errstate(invalid="ignore", divide="ignore"):
-            return np.where(known & (weight > 0.9), found / weight, np.nan)
+            return np.where(finite & (weight > 0.9), filtered / weight, np.nan)
 
     def slope(self, values: Array) -> Array:
         """Change of a smooth signal (n,) per second."""
@@ -92,9 +92,9 @@ class CalibrationDrive:
                 np.abs(self.speed * self.yaw_rate) < CALIBRATION.linear_acceleration
             )
 
-    def blocks(self, x: Array, y: Array, where: NDArray[np.bool_]) -> Iterator[tuple[Array, Array]]:
+    def blocks(self, x: Array, y: Array, wanted_rows: NDArray[np.bool_]) -> Iterator[tuple[Array, Array]]:
         """Rows of X (n, k) and y (n,) that are known and meant, by stretches of `CALIBRATION.block`."""
-        good = where & np.isfinite(x).all(axis=1) & np.isfinite(y)
+        good = wanted_rows & np.isfinite(x).all(axis=1) & np.isfinite(y)
         length = round(CALIBRATION.block / CALIBRATION.step)
         for begin in range(0, len(y), length):
             rows = np.flatnonzero(good[begin : begin + length]) + begin
@@ -107,7 +107,7 @@ def drive_of(recording: Recording, vehicle: Vehicle) -> CalibrationDrive:
 
     Raises `InputError` for a recording without a GNSS velocity or a yaw rate, or one that is too short.
     """
-    found: dict[str, tuple[Array, Array]] = {}
+    measured: dict[str, tuple[Array, Array]] = {}
     noise: dict[str, Array] = {}
     at_road_wheel = False
     start = recording.start
@@ -118,12 +118,12 @@ def drive_of(recording: Recording, vehicle: Vehicle) -> CalibrationDrive:
         at_road_wheel |= isinstance(sensor, Steering) and ROAD_WHEEL in channel.names
         for name, values in _signals(sensor, channel, vehicle):
             time = np.asarray((channel.stamp - start) * 1e-9 - sensor.latency, dtype=np.float64)
-            found[name] = time, values
+            measured[name] = time, values
             noise[name] = scatter(channel.stamp, values)
-    for needed, words in (("velocity", "GNSS velocity (gps/velocity)"), ("rates", "yaw rate (imu/data)")):
-        if needed not in found:
-            raise InputError(f"{recording.name}: no {words}; calibration compares the other sensors with it")
-    begin, end = (pick([time[at] for time, _ in found.values()]) for pick, at in ((max, 0), (min, -1)))
+    for quantity, description in (("velocity", "GNSS velocity (gps/velocity)"), ("rates", "yaw rate (imu/data)")):
+        if quantity not in measured:
+            raise InputError(f"{recording.name}: no {description}; calibration compares the other sensors with it")
+    begin, end = (pick([time[at] for time, _ in measured.values()]) for pick, at in ((max, 0), (min, -1)))
     t = np.arange(begin, end, CALIBRATION.step)
     if len(t) * CALIBRATION.step < CALIBRATION.least_driving:
         raise InputError(
@@ -132,11 +132,11 @@ def drive_of(recording: Recording, vehicle: Vehicle) -> CalibrationDrive:
         )
     widths = {"rates": 3, "forces": 3, "velocity": 2, "spin": 4, "steering": 1}
     on_clock = {
-        name: _resampled(*found[name], t) if name in found else np.full((len(t), width), np.nan)
+        name: _resampled(*measured[name], t) if name in measured else np.full((len(t), width), np.nan)
         for name, width in widths.items()
     }
     on_clock["steering"] = on_clock["steering"][:, 0]
-    time, velocity = found["velocity"]
+    time, velocity = measured["velocity"]
     period = _period(np.sort(time[np.isfinite(velocity).all(axis=1)]))
     cut_off = min(CALIBRATION.cut_off, CALIBRATION.cut_off_periods / max(period, CALIBRATION.step))
     return CalibrationDrive(recording.name, t, **on_clock, noise=noise, at_road_wheel=at_road_wheel, cut_off=cut_off)
@@ -167,7 +167,7 @@ def scatter(stamp: NDArray[np.int64], values: Array) -> Array:
 
     Components may come in messages of their own, with those of the others absent, as on a CAN bus.
     """
-    return np.array([_scatter_of(stamp[known := np.isfinite(one)], one[known]) for one in values.T])
+    return np.array([_scatter_of(stamp[finite := np.isfinite(component)], component[finite]) for component in values.T])
 
 
 def _scatter_of(stamp: NDArray[np.int64], values: Array) -> float:
@@ -186,12 +186,12 @@ def _resampled(time: Array, values: Array, t: Array) -> Array:
     """Values (m, k) at the times t (n,), NaN in gaps and where they are absent."""
     order = np.argsort(time, kind="stable")
     time, values = time[order], values[order]
-    made = np.full((len(t), values.shape[1]), np.nan)
+    resampled = np.full((len(t), values.shape[1]), np.nan)
     for k, column in enumerate(values.T):
         good = np.isfinite(column)
         if good.sum() >= CALIBRATION.least_messages:
-            made[:, k] = _interpolated(time[good], column[good], t)
-    return made
+            resampled[:, k] = _interpolated(time[good], column[good], t)
+    return resampled
 
 
 def _interpolated(time: Array, values: Array, t: Array) -> Array:
@@ -204,13 +204,13 @@ def _interpolated(time: Array, values: Array, t: Array) -> Array:
     near &= (t >= time[0]) & (t <= time[-1])
     if period <= CALIBRATION.longest_gap / 2:
         return np.where(near, np.interp(t, time, values), np.nan)
-    made = np.full(len(t), np.nan)
+    interpolated = np.full(len(t), np.nan)
     distinct = np.flatnonzero(np.diff(time, prepend=-np.inf) > 0)
     for piece in np.split(distinct, np.flatnonzero(np.diff(time[distinct]) > longest) + 1):
         inside = (t >= time[piece[0]]) & (t <= time[piece[-1]])
         if len(piece) >= 4 and inside.any():
-            made[inside] = interpolate.CubicSpline(time[piece], values[piece])(t[inside])
-    return np.where(near, made, np.nan)
+            interpolated[inside] = interpolate.CubicSpline(time[piece], values[piece])(t[inside])
+    return np.where(near, interpolated, np.nan)
 
 
 def _period(time: Array) -> float:

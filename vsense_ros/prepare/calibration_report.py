@@ -7,17 +7,17 @@ from typing import Any
 from vsense_ros.prepare.calibration import Calibration
 
 
-def as_dict(found: Calibration) -> dict[str, Any]:
+def as_dict(calibration: Calibration) -> dict[str, Any]:
     """Every quantity, and what to drive next."""
     return {
         "quantities": [
-            {"name": one.name, "unit": one.unit, "before": one.before, "after": one.after, "deviation": one.deviation,
-             "prior_deviation": one.prior, "determined": one.determined,
-             "changes": {path: value for path, value, _ in one.written() if value is not None}}
-            for one in found.quantities
+            {"name": quantity.name, "unit": quantity.unit, "before": quantity.before, "after": quantity.after,
+             "deviation": quantity.deviation, "prior_deviation": quantity.prior, "determined": quantity.determined,
+             "changes": {path: value for path, value, _ in quantity.written() if value is not None}}
+            for quantity in calibration.quantities
         ],
-        "missing": list(found.missing),
-        "prediction": None if found.verdict is None else found.verdict.as_dict(),
-        "refused": list(found.refused),
-        "drive_next": list(found.advice),
+        "missing": list(calibration.missing),
+        "prediction": None if calibration.verdict is None else calibration.verdict.as_dict(),
+        "refused": list(calibration.refused),
+        "drive_next": list(calibration.advice),
     }  # fmt: skip

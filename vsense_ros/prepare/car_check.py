@@ -38,37 +38,37 @@ def features(car: Vehicle) -> Iterator[Feature]:
 def check_car(car: Vehicle) -> list[CarFinding]:
     """What no real car has. Each mistake is reported once, with all the figures that it puts right; what no single
     mistake explains is reported figure by figure."""
-    off = [feature for feature in features(car) if feature.off]
-    found: list[CarFinding] = []
-    while off:
+    implausible = [feature for feature in features(car) if feature.off]
+    explained_findings: list[CarFinding] = []
+    while implausible:
         best: tuple[int, Mistake, Vehicle, list[Feature]] | None = None
         document = car.model_dump()
-        for mistake in mistakes({key for feature in off for key in feature.keys}):
+        for mistake in mistakes({key for feature in implausible for key in feature.keys}):
             if (mended := mistake.mended(document)) is None:
                 continue
-            still = [feature for feature in features(mended) if feature.off]
-            if len(still) < len(off) and (best is None or len(still) < best[0]):
-                best = len(still), mistake, mended, still
+            remaining = [feature for feature in features(mended) if feature.off]
+            if len(remaining) < len(implausible) and (best is None or len(remaining) < best[0]):
+                best = len(remaining), mistake, mended, remaining
         if best is None:
-            return [*found, *(CarFinding((feature,)) for feature in off)]
-        _, mistake, car, still = best
-        names = {(feature.name, feature.place) for feature in still}
-        explained = tuple(feature for feature in off if (feature.name, feature.place) not in names)
-        found.append(CarFinding(explained or (off[0],), mistake))
-        off = still
-    return found
+            return [*explained_findings, *(CarFinding((feature,)) for feature in implausible)]
+        _, mistake, car, remaining = best
+        names = {(feature.name, feature.place) for feature in remaining}
+        explained = tuple(feature for feature in implausible if (feature.name, feature.place) not in names)
+        explained_findings.append(CarFinding(explained or (implausible[0],), mistake))
+        implausible = remaining
+    return explained_findings
 
 
 def check_document(document: Any) -> list[CarFinding]:
     """The mistake that explains best why there can be no car with the content of a vehicle file: with it put right
     there is one, with the fewest figures that no real car has. Empty where no single mistake explains it."""
     keys = [key for key in _keys(document) if not key.startswith("uncertainty.")]
-    found = [
+    possible = [
         (sum(feature.off for feature in features(mended)), order, mistake)
         for order, mistake in enumerate(mistakes(keys))
         if (mended := mistake.mended(document)) is not None
     ]
-    return [CarFinding((), min(found)[2])] if found else []
+    return [CarFinding((), min(possible)[2])] if possible else []
 
 
 def _keys(node: Any, above: str = "") -> Iterator[str]:

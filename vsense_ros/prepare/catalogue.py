@@ -48,7 +48,7 @@ class CatalogueValues(BaseModel):
 def catalogue_values(**values: object) -> CatalogueValues:
     """Catalogue values, checked. Raises `InputError` with one sentence that names what is missing or cannot be."""
     try:
-        found = CatalogueValues.model_validate({key: value for key, value in values.items() if value is not None})
+        car = CatalogueValues.model_validate({key: value for key, value in values.items() if value is not None})
     except ValidationError as error:
         faults = error.errors()
         if missing := [_option(fault["loc"]) for fault in faults if fault["type"] == "missing"]:
@@ -58,13 +58,13 @@ def catalogue_values(**values: object) -> CatalogueValues:
             f"{_option(fault['loc'])}: {fault['msg'][:1].lower()}{fault['msg'][1:]}, found {fault['input']}; masses "
             "are in kg, lengths in m"
         ) from None
-    load = found.axle_load_front
-    if load is not None and not 0.25 * found.mass < load < 0.8 * found.mass:
+    load = car.axle_load_front
+    if load is not None and not 0.25 * car.mass < load < 0.8 * car.mass:
         raise InputError(
-            f"--axle-load-front: expected 25 to 80 % of the mass, found {load:g} kg of {found.mass:g} kg; it is the "
+            f"--axle-load-front: expected 25 to 80 % of the mass, found {load:g} kg of {car.mass:g} kg; it is the "
             "part of the mass on both front wheels"
         )
-    return found
+    return car
 
 
 def _option(location: tuple[int | str, ...]) -> str:

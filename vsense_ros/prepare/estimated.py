@@ -25,7 +25,9 @@ class Estimated:
     def times(self, factor: float, *relative: float) -> Estimated:
         """The value times a factor, with the `relative` deviations of what the factor is made of in quadrature."""
         value = self.value * factor
-        return replace(self, value=value, deviation=hypot(self.deviation * factor, *(value * one for one in relative)))
+        return replace(
+            self, value=value, deviation=hypot(self.deviation * factor, *(value * share for share in relative))
+        )
 
     def by(self, rule: Estimated) -> Estimated:
         """This number as a result of another rule."""

@@ -118,9 +118,9 @@ def mistakes(keys: Collection[str]) -> Iterator[Mistake]:
     for axle in ("front", "rear"):
         inertias = {f"physics.chassis.{name}_inertia" for name in ("roll", "pitch", "yaw")}
         if axle == "front" and inertias & set(keys):
-            for one, other in (("roll", "yaw"), ("roll", "pitch"), ("pitch", "yaw")):
-                pair = (f"physics.chassis.{one}_inertia", f"physics.chassis.{other}_inertia")
-                yield Mistake(f"{one} and {other} inertia exchanged", pair, _exchanged(*pair))
+            for first, second in (("roll", "yaw"), ("roll", "pitch"), ("pitch", "yaw")):
+                pair = (f"physics.chassis.{first}_inertia", f"physics.chassis.{second}_inertia")
+                yield Mistake(f"{first} and {second} inertia exchanged", pair, _exchanged(*pair))
         wheel = tuple(f"physics.{axle}.wheel_{part}_inertia" for part in ("spin", "diametral"))
         if set(wheel) & set(keys):
             yield Mistake("spin and diametral inertia exchanged", wheel, _exchanged(*wheel))
@@ -142,13 +142,13 @@ def mistakes(keys: Collection[str]) -> Iterator[Mistake]:
 def _tyre_mistakes(key: str) -> Iterator[Mistake]:
     """Wrong units of the force curves of one tyre, or of both."""
     both = ("physics.front.tyre", "physics.rear.tyre")
-    for where in ((key,), both):
-        yield Mistake("kN instead of N", where, _forces(where, 1e3))
-        yield Mistake("N instead of kN", where, _forces(where, 1e-3))
+    for tyres in ((key,), both):
+        yield Mistake("kN instead of N", tyres, _forces(tyres, 1e3))
+        yield Mistake("N instead of kN", tyres, _forces(tyres, 1e-3))
         for direction, field, words, factor in _CURVES:
-            paths = tuple(f"{one}.{direction}.{load}.{field}" for one in where for load in ("nominal", "double"))
+            paths = tuple(f"{tyre}.{direction}.{load}.{field}" for tyre in tyres for load in ("nominal", "double"))
             yield Mistake(words, paths, _scaled(paths, factor))
-        stiffness = tuple(f"{one}.cornering_stiffness" for one in where)
+        stiffness = tuple(f"{tyre}.cornering_stiffness" for tyre in tyres)
         for words, factor in (("N/deg instead of N/rad", 1 / DEGREE), ("an axle instead of one tyre", 0.5)):
             yield Mistake(words, stiffness, _scaled(stiffness, factor))
 
@@ -174,12 +174,12 @@ def _scaled(keys: tuple[str, ...], factor: float) -> Callable[[Document], None]:
 
 
 def _times(value: Any, factor: float) -> Any:
-    return tuple(one * factor for one in value) if isinstance(value, tuple | list) else value * factor
+    return tuple(component * factor for component in value) if isinstance(value, tuple | list) else value * factor
 
 
-def _exchanged(one: str, other: str) -> Callable[[Document], None]:
+def _exchanged(first_path: str, second_path: str) -> Callable[[Document], None]:
     def mend(document: Document) -> None:
-        (first, a), (second, b) = _parent(document, one), _parent(document, other)
+        (first, a), (second, b) = _parent(document, first_path), _parent(document, second_path)
         first[a], second[b] = second[b], first[a]
 
     return mend

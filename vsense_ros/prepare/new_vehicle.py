@@ -32,7 +32,7 @@ class NewVehicle:
     numbers: Mapping[str, Estimated]
 
     @property
-    def given(self) -> tuple[str, ...]:
+    def from_catalogue(self) -> tuple[str, ...]:
         """Paths of the numbers that follow from the catalogue alone."""
         return tuple(path for path, number in self.numbers.items() if number.rule == GIVEN)
 

@@ -64,16 +64,18 @@ class FitFinding:
 
 def check_fit(vehicle: Vehicle, recordings: Sequence[Recording]) -> FitCheck:
     """Where a vehicle file and recordings of the car do not fit. What cannot be compared is no finding."""
-    found = []
+    fit_findings = []
     topics, radius = topics_of(vehicle.sensors.values()), float(np.mean(rolling_radii(vehicle)))
     for recording in recordings:
-        found += [FitFinding(recording.name, one) for one in sentences(findings(recording, topics, radius))]
+        fit_findings += [
+            FitFinding(recording.name, sentence) for sentence in sentences(findings(recording, topics, radius))
+        ]
     try:
         quantities = calibrate(recordings, vehicle).quantities
     except InputError as error:
-        return FitCheck(found, str(error))
+        return FitCheck(fit_findings, str(error))
     names = ", ".join(recording.name for recording in recordings)
-    return FitCheck([*found, *(_finding(names, one) for one in quantities if _is_off(one))])
+    return FitCheck([*fit_findings, *(_finding(names, quantity) for quantity in quantities if _is_off(quantity))])
 
 
 def _is_off(quantity: Calibrated) -> bool:

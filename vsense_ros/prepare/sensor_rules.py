@@ -18,7 +18,7 @@ def sensors(car: CatalogueValues, rules: Rules) -> tuple[dict[str, Any], dict[st
     roof = rules["roof_height"] if car.height is None else Estimated(car.height, 0.02)
     above = round(roof.value - cog_height(car, rules).value, 2)
     antenna = [rules["antenna_place"].value, 0.0, above]
-    made = {
+    sensor_settings = {
         "imu": {"kind": "imu", "position": [rules["mounting_place"].value, 0.0, 0.0]},
         "wheel_speeds": {"kind": "wheel_speeds"},
         "steering": {"kind": "steering"},
@@ -30,7 +30,7 @@ def sensors(car: CatalogueValues, rules: Rules) -> tuple[dict[str, Any], dict[st
         "sensors.position.position": rules["antenna_place"],
         "sensors.velocity.position": rules["antenna_place"],
     }
-    return made, places
+    return sensor_settings, places
 
 
 def observer(car: CatalogueValues, rules: Rules, numbers: dict[str, Estimated]) -> dict[str, Any]:

@@ -17,14 +17,14 @@ _OVERLOAD = 1.1  # of the load capacity: more than that, no tyre is chosen for
 
 
 def tyres(
-    car: CatalogueValues, rules: Rules, known: dict[str, Estimated]
+    car: CatalogueValues, rules: Rules, of_body: dict[str, Estimated]
 ) -> tuple[dict[str, Any], dict[str, Estimated]]:
     """Tyre of each axle as in a vehicle file, by dotted path, and the scales of its stiffness and grip, in which all of
     its uncertainty is; `known` are the numbers of the body. Raises `InputError` for a tyre that is too small."""
     models: dict[str, Any] = {}
     scales: dict[str, Estimated] = {}
     for axle, size in sizes(car).items():
-        arm = known[f"physics.chassis.cog_to_{'rear' if axle == 'front' else 'front'}_axle"].value
+        arm = of_body[f"physics.chassis.cog_to_{'rear' if axle == 'front' else 'front'}_axle"].value
         load = car.mass * GRAVITY * arm / car.wheelbase / 2
         capacity = _capacity(size, rules)
         if load > _OVERLOAD * capacity.value:
@@ -33,7 +33,7 @@ def tyres(
                 f"{capacity.value:.0f} N; are mass and axle load in kg, and is this the tyre's size?"
             )
         models[f"physics.{axle}.tyre"] = _tmeasy(car.mass * GRAVITY / 4, capacity.value, size, rules)
-        scales |= {f"physics.{axle}.{name}": one for name, one in _scales(axle, load, capacity, rules).items()}
+        scales |= {f"physics.{axle}.{name}": scale for name, scale in _scales(axle, load, capacity, rules).items()}
     return models, scales
 
 

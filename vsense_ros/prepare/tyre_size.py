@@ -60,12 +60,12 @@ class TyreSize:
 def tyre_size(designation: str) -> TyreSize:
     """The size that a designation names. Raises `InputError` for one that names none."""
     text = designation.strip()
-    if found := _METRIC.match(text):
-        width, aspect, rim, index = found.groups()
+    if match := _METRIC.match(text):
+        width, aspect, rim, index = match.groups()
         section = float(width) * 1e-3
         return TyreSize(text, section, float(rim) * INCH, section * float(aspect) / 100, int(index) if index else None)
-    if found := _INCHES.match(text):
-        outer, across, rim = (float(part) * INCH for part in found.groups())
+    if match := _INCHES.match(text):
+        outer, across, rim = (float(part) * INCH for part in match.groups())
         if outer > rim:
             return TyreSize(text, across, rim, (outer - rim) / 2)
     raise InputError(f"--tyre: expected a size such as 205/55R16 or 205/55R16 91V, found {designation!r}")

@@ -37,7 +37,7 @@ class VehicleCheck(Printable):
 
     def sentences(self) -> list[str]:
         """What was found, one sentence each."""
-        of_fit = [f"{one.recording}: {one.sentence}" for one in self.fit]
+        of_fit = [f"{fit_finding.recording}: {fit_finding.sentence}" for fit_finding in self.fit]
         return [*self.refused.splitlines(), *(in_words(finding) for finding in self.findings), *of_fit]
 
     @property
@@ -87,9 +87,9 @@ def _as_dict(finding: CarFinding) -> dict[str, Any]:
         "keys": list(finding.keys),
         "meant": finding.mistake.words if finding.mistake is not None else None,
         "figures": [
-            {"name": one.name, "place": one.place, "value": one.value, "unit": one.limits.unit,
-             "range": list(one.limits.range), "source": one.limits.source}
-            for one in finding.features
+            {"name": feature.name, "place": feature.place, "value": feature.value, "unit": feature.limits.unit,
+             "range": list(feature.limits.range), "source": feature.limits.source}
+            for feature in finding.features
         ],
         "sentence": in_words(finding),
     }  # fmt: skip

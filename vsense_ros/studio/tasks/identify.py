@@ -26,7 +26,7 @@ def identify(options: dict[str, Any], folder: Path, progress: Callable[[float], 
             for name, (before, after, deviation, determined) in found.parameters.items()
         ]  # fmt: skip
         return {**files, "rows": rows, "passes": [], "fits": {}, "sentences": [], "side_slip": {}}
-    names = found.found.names
+    names = found.information.names
     refused = {refusal.name for refusal in found.refused}
     rows = [
         {
@@ -34,7 +34,7 @@ def identify(options: dict[str, Any], folder: Path, progress: Callable[[float], 
             "unit": unit_of(name), "determined": name not in refused and name in found.free,
             "of_sensor": name not in found.free,
         }
-        for name, value, deviation in zip(names, found.found.values, found.found.deviations, strict=True)
+        for name, value, deviation in zip(names, found.information.values, found.information.deviations, strict=True)
     ]  # fmt: skip
     passes = [[found.start[name] for name in names], *(one.values.tolist() for one in found.rinsed.passes)]
     return {
