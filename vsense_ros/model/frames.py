@@ -40,14 +40,14 @@ def wheel_on_ground(vehicle: Vehicle, wheel: str) -> Triple:
 
 def sensor_frames(vehicle: Vehicle) -> list[Frame]:
     """Frames of the sensors on the car, one for each frame name that their messages have."""
-    found: dict[str, Frame] = {}
+    frames: dict[str, Frame] = {}
     for sensor in vehicle.sensors.values():
         position = getattr(sensor, "position", None)
-        if sensor.frame_id in NOT_OF_THE_CAR or sensor.frame_id in found or position is None:
+        if sensor.frame_id in NOT_OF_THE_CAR or sensor.frame_id in frames or position is None:
             continue
         attitude = getattr(sensor, "attitude", (0.0, 0.0, getattr(sensor, "yaw", 0.0)))
-        found[sensor.frame_id] = Frame(sensor.frame_id, "cog", position, attitude)
-    return list(found.values())
+        frames[sensor.frame_id] = Frame(sensor.frame_id, "cog", position, attitude)
+    return list(frames.values())
 
 
 def fixed_frames(vehicle: Vehicle, base: str = "base_link") -> list[Frame]:

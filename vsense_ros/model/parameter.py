@@ -88,11 +88,11 @@ def with_values(model: Any, changes: dict[str, float]) -> Any:
 
     Raises `KeyError` for a name that the model does not have.
     """
-    known = dict(numbers(model))
+    present = dict(numbers(model))
     data = model.model_dump()
     for dotted, value in changes.items():
-        if dotted not in known:
-            raise KeyError(f"{dotted!r} is no parameter; known are {', '.join(known)}")
+        if dotted not in present:
+            raise KeyError(f"{dotted!r} is no parameter; known are {', '.join(present)}")
         *path, leaf = dotted.split(".")
         node = data
         for part in path:

@@ -26,8 +26,8 @@ def changes(at: Array, value: Array) -> Array:
 def between(share: float, length: float, value: Array, change: Array) -> tuple[float, float]:
     """Value of a cubic spline and its derivative per metre at a `share` of the way between two places that are a
     `length` [m] apart, from the values and derivatives (2,) at both places (Hermite's form)."""
-    (begin, end), rest = value.tolist(), 1 - share
+    (begin, end), remaining = value.tolist(), 1 - share
     first, last = length * change.item(0) - (end - begin), (end - begin) - length * change.item(1)
-    bent = rest * first + share * last
-    between_them = begin + share * (end - begin + rest * bent)
-    return between_them, (end - begin + (rest - share) * bent + share * rest * (last - first)) / length
+    bent = remaining * first + share * last
+    between_them = begin + share * (end - begin + remaining * bent)
+    return between_them, (end - begin + (remaining - share) * bent + share * remaining * (last - first)) / length

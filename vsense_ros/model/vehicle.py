@@ -91,18 +91,18 @@ class Vehicle(Part):
 
     @model_validator(mode="after")
     def _estimated_parameters_exist_and_start_within_their_bounds(self) -> Vehicle:
-        known = self.values()
+        values = self.values()
         for name, settings in self.observer.parameters.items():
-            if name not in known:
-                alike = ", ".join(get_close_matches(name, known, 3, 0.0))
+            if name not in values:
+                alike = ", ".join(get_close_matches(name, values, 3, 0.0))
                 raise ValueError(
                     f"observer.parameters has {name}, which is no number below physics; nearest to it are {alike}"
                 )
-            lower, upper = settings.bounds(known[name])
-            if not lower <= known[name] <= upper:
+            lower, upper = settings.bounds(values[name])
+            if not lower <= values[name] <= upper:
                 raise ValueError(
                     f"observer.parameters bounds {name} by {lower:g} and {upper:g}, but in the file it is "
-                    f"{known[name]:g}"
+                    f"{values[name]:g}"
                 )
             for bound in (lower, upper):
                 try:
@@ -189,8 +189,8 @@ class Vehicle(Part):
         """Standard deviations of physical parameters by the names of `values`, of those that the file has any for."""
         prefix = "physics."
         return {
-            path.removeprefix(prefix): known.deviation
-            for path, known in self.uncertainty.items()
+            path.removeprefix(prefix): stated.deviation
+            for path, stated in self.uncertainty.items()
             if path.startswith(prefix)
         }
 
@@ -222,8 +222,8 @@ def left_out_of_simulation(vehicle: Vehicle) -> str:
 
 
 def _left_out(who: str, parts: dict[str, str]) -> str:
-    found = [f"of {id} {words}" for id, words in parts.items() if words]
-    return f"{who} leaves out {', and '.join(found)} (physics.effects)" if found else ""
+    parts_left_out = [f"of {id} {words}" for id, words in parts.items() if words]
+    return f"{who} leaves out {', and '.join(parts_left_out)} (physics.effects)" if parts_left_out else ""
 
 
 def _reason(error: ValueError) -> str:

@@ -62,14 +62,14 @@ class CarBalance:
         c, s = np.cos(pitch), np.sin(pitch)
         x, z = c * x + s * z, c * z - s * x
         drag = self._drag * speed * np.abs(speed)
-        found = np.empty((*np.shape(x), 6))
-        found[..., X], found[..., Y], found[..., Z] = self.mass * x + drag, self.mass * y, self.mass * z
-        found[..., ABOUT_X] = -self._height * self.mass * y
+        wrench = np.empty((*np.shape(x), 6))
+        wrench[..., X], wrench[..., Y], wrench[..., Z] = self.mass * x + drag, self.mass * y, self.mass * z
+        wrench[..., ABOUT_X] = -self._height * self.mass * y
         # The drag acts at cog's height in the model.
-        found[..., ABOUT_Y] = self._height * found[..., X]
-        found[..., ABOUT_Z] = 0.0
-        found[..., ABOUT_X:] += self._inertia * turning
-        return found
+        wrench[..., ABOUT_Y] = self._height * wrench[..., X]
+        wrench[..., ABOUT_Z] = 0.0
+        wrench[..., ABOUT_X:] += self._inertia * turning
+        return wrench
 
     def axle_loads(self, wrench: Array) -> tuple[Array, Array]:
         """Vertical forces of the front and of the rear axle [N] with this force and moment (…, 6)."""
@@ -78,8 +78,8 @@ class CarBalance:
 
     def shares(self, residual: Array) -> Array:
         """A difference of two such (…, 6), as `SHARES`, (…, 6)."""
-        found = np.empty_like(residual)
-        found[..., :3], found[..., 5] = residual[..., :3], residual[..., ABOUT_Z]
-        found[..., 3], found[..., 4] = self.axle_loads(residual)
-        found /= self._at_rest
-        return found
+        shares = np.empty_like(residual)
+        shares[..., :3], shares[..., 5] = residual[..., :3], residual[..., ABOUT_Z]
+        shares[..., 3], shares[..., 4] = self.axle_loads(residual)
+        shares /= self._at_rest
+        return shares

@@ -34,7 +34,7 @@ def tree_of(
     first_moment = ca.SX.zeros(3)
     inertia = ca.diag(ca.vertcat(ca.SX(chassis.roll_inertia), chassis.pitch_inertia, chassis.yaw_inertia))
     bodies: list[Body] = []
-    unturned, here = ca.SX.eye(3), ca.SX(3, 1)
+    unturned, at_origin = ca.SX.eye(3), ca.SX(3, 1)
     for corner, hub, wheel_inertia in zip(corners, hubs, wheel_inertias, strict=True):
         a = corner.axle
         mass = a.hub_mass + a.wheel_mass
@@ -43,12 +43,12 @@ def tree_of(
         offset = spatial.skew(corner.centre)
         across, along = a.wheel_diametral_inertia, a.wheel_spin_inertia
         inertia = inertia + mass * (offset @ offset) - ca.diag(ca.vertcat(ca.SX(across), along, across))
-        point = spatial.rigid_inertia(mass, here, ca.SX(3, 3))
+        point = spatial.rigid_inertia(mass, at_origin, ca.SX(3, 3))
         disc = ca.diagcat(wheel_inertia, ca.SX(3, 3))
-        name, spin = WHEELS[corner.index], ca.vertcat(hub.axle, here)
+        name, spin = WHEELS[corner.index], ca.vertcat(hub.axle, at_origin)
         axis_rate = hub.bend * travel_rates[corner.index]
         bodies.append(Body(f"hub_{name}", -1, hub.subspace, unturned, hub.centre, point, axis_rate))
-        bodies.append(Body(f"wheel_{name}", len(bodies) - 1, spin, unturned, here, disc))
+        bodies.append(Body(f"wheel_{name}", len(bodies) - 1, spin, unturned, at_origin, disc))
     sprung, first_moment, inertia = effects.chassis(sprung, first_moment, inertia)
     centre = first_moment / sprung
     offset = spatial.skew(centre)

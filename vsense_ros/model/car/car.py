@@ -94,19 +94,19 @@ class Car:
     def identity(self) -> str:
         """A text that differs wherever the equations of two cars do, also of different versions of the project; empty
         where they are made by a class that has no file."""
-        own, others = Path(__file__).parents[1], set[Path]()
+        package, other_files = Path(__file__).parents[1], set[Path]()
         settings = ["" if self._tables is None else self._tables.model_dump_json()]
         for part in _parts(self._vehicle.physics):
             file = getattr(sys.modules.get(type(part).__module__), "__file__", None)
             if file is None:
                 return ""
-            if own not in Path(file).parents:
-                others.add(Path(file))
+            if package not in Path(file).parents:
+                other_files.add(Path(file))
             for name in type(part).model_fields:
                 value = getattr(part, name)
                 # Of numbers the names count, not the values, which stay symbols.
                 settings.append(name if isinstance(value, float | BaseModel) else f"{name}={value!r}")
-        code = [digest_of(own), *(path.read_text(encoding="utf-8") for path in sorted(others))]
+        code = [digest_of(package), *(path.read_text(encoding="utf-8") for path in sorted(other_files))]
         return "\n".join((*code, *settings))
 
     @cached_property
@@ -128,8 +128,8 @@ class Car:
             front, side, ahead = i < 2, self.placement[i], self.placement[6 + i // 2]
             axle = self.parameters.front if front else self.parameters.rear
             arm = ahead * (chassis.cog_to_front_axle if front else chassis.cog_to_rear_axle)
-            other = chassis.cog_to_rear_axle if front else chassis.cog_to_front_axle
-            static_load = weight * other / self._wheelbase / 2
+            opposite_arm = chassis.cog_to_rear_axle if front else chassis.cog_to_front_axle
+            static_load = weight * opposite_arm / self._wheelbase / 2
             loaded_radius = axle.unloaded_radius - static_load / axle.tyre_stiffness
             centre = ca.vertcat(arm, side * axle.track / 2, loaded_radius - chassis.cog_height)
             axle = self._effects.wheel(i, axle)
@@ -209,7 +209,7 @@ class Car:
     def missing_force(self, acceleration: ca.SX, tyre_forces: ca.SX) -> ca.SX:
         """Generalized force (14) that the derivatives `acceleration` (14) of `u` need beyond what acts, if each tyre's
         longitudinal, lateral and vertical force and its moment are the columns of `tyre_forces` (4×4)."""
-        given = [
+        contacts = [
             replace(
                 contact,
                 touch=replace(contact.touch, load=tyre_forces[2, i]),
@@ -219,7 +219,7 @@ class Car:
             )
             for i, contact in enumerate(self.contacts)
         ]
-        efforts, chassis, forces = self._loads(given)
+        efforts, chassis, forces = self._loads(contacts)
         linear = acceleration[VELOCITY] - gravity_in_body(self.q, self.disturbances)
         root, joints = self._tree.inverse_dynamics(
             self._root_velocity,

@@ -261,20 +261,20 @@ class CornerMechanism:
         linkage = self.linkage
         n, g = len(linkage.coordinate_names), len(linkage.guides)
         z, guides = ca.SX.sym("z", n), ca.SX.sym("guides", g, 3)
-        wanted, wanted_rates = ca.SX.sym("wanted", 2), ca.SX.sym("wanted_rates", 2)
+        targets, target_rates = ca.SX.sym("wanted", 2), ca.SX.sym("wanted_rates", 2)
         motion = Motion(linkage, z, ca.SX(n, 1), ca.SX(n, 1), guides)
         measures = [motion.measure(self.travel), motion.measure(Along(WHEEL))]
         return codegen.function(
             f"placing_{linkage.name}",
-            [z, guides, linkage.parameters, wanted, wanted_rates],
+            [z, guides, linkage.parameters, targets, target_rates],
             [
                 -ca.vertcat(
-                    motion.constraint, *(m.value - w for m, w in zip(measures, ca.vertsplit(wanted), strict=True))
+                    motion.constraint, *(m.value - w for m, w in zip(measures, ca.vertsplit(targets), strict=True))
                 ),
                 ca.vertcat(motion.constraint_jacobian, *(m.gradient for m in measures)),
                 -ca.vertcat(
                     motion.constraint_rate,
-                    *(m.rate - w for m, w in zip(measures, ca.vertsplit(wanted_rates), strict=True)),
+                    *(m.rate - w for m, w in zip(measures, ca.vertsplit(target_rates), strict=True)),
                 ),
             ],
             ("z", "guides", "parameters", "wanted", "wanted_rates"),

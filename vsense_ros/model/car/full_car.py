@@ -95,8 +95,8 @@ class FullCar:
             corner = self.corners[axle]
             suspension = (linkages.front, linkages.rear)[axle]
             data = (physics.front, physics.rear)[axle]
-            other = (chassis.cog_to_rear_axle, chassis.cog_to_front_axle)[axle]
-            load = weight * other / wheelbase / 2
+            opposite_arm = (chassis.cog_to_rear_axle, chassis.cog_to_front_axle)[axle]
+            load = weight * opposite_arm / wheelbase / 2
             along = (chassis.cog_to_front_axle, -chassis.cog_to_rear_axle)[axle]
             for side in (1, -1):
                 height = data.unloaded_radius - load / data.tyre_stiffness - chassis.cog_height
@@ -105,21 +105,22 @@ class FullCar:
                 numbers, inertia = with_spring(corner, bare, data, load)
                 corners.append(numbers)
                 total += inertia
-        whole = np.zeros((6, 6))
-        whole[:3, :3] = np.diag([chassis.roll_inertia, chassis.pitch_inertia, chassis.yaw_inertia])
-        whole[3:, 3:] = chassis.mass * np.eye(3)
-        left = whole - total  # the file describes the whole car; the chassis is what its corners leave
-        mass = left[5, 5]
-        centre = np.array([left[2, 4], left[0, 5], left[1, 3]]) / mass  # of m·skew(c), upper right block
-        own = left[:3, :3] + mass * _skew(centre) @ _skew(centre)
-        if mass <= 0 or np.linalg.eigvalsh(own)[0] <= 0:
+        of_whole_car = np.zeros((6, 6))
+        of_whole_car[:3, :3] = np.diag([chassis.roll_inertia, chassis.pitch_inertia, chassis.yaw_inertia])
+        of_whole_car[3:, 3:] = chassis.mass * np.eye(3)
+        of_chassis = of_whole_car - total  # the file describes the whole car; the chassis is what its corners leave
+        mass = of_chassis[5, 5]
+        # The upper right block is m·skew(c).
+        centre = np.array([of_chassis[2, 4], of_chassis[0, 5], of_chassis[1, 3]]) / mass
+        about_own_centre = of_chassis[:3, :3] + mass * _skew(centre) @ _skew(centre)
+        if mass <= 0 or np.linalg.eigvalsh(about_own_centre)[0] <= 0:
             raise InputError(
                 f"the linkages and wheels of {vehicle.name!r} leave the chassis {mass:.4g} kg and principal moments of "
-                f"inertia {np.linalg.eigvalsh(own).round(1).tolist()} kg m²; both must be positive. Mass and inertia "
-                "in the file are those of the whole car"
+                f"inertia {np.linalg.eigvalsh(about_own_centre).round(1).tolist()} kg m²; both must be positive. Mass "
+                "and inertia in the file are those of the whole car"
             )
-        products = own[[0, 0, 1], [1, 2, 2]]
-        base = np.concatenate([[physics.aerodynamics.drag_area, mass], centre, np.diag(own), products])
+        products = about_own_centre[[0, 0, 1], [1, 2, 2]]
+        base = np.concatenate([[physics.aerodynamics.drag_area, mass], centre, np.diag(about_own_centre), products])
         return np.concatenate([base, *corners])
 
     def corner_parameters(self, parameters: Array) -> list[Array]:
@@ -141,8 +142,8 @@ class FullCar:
     ) -> Integrator:
         """The car at rest in its design position, wheels on level ground, ready to step by `h` [s]; its systems are
         solved `outside`, if there is something."""
-        made = (self.mechanism, self.parameters(vehicle), h, tolerance, "full_car")
-        integrator = Integrator(*made) if outside is None else OutsideIntegrator(*made, outside=outside)
+        arguments = (self.mechanism, self.parameters(vehicle), h, tolerance, "full_car")
+        integrator = Integrator(*arguments) if outside is None else OutsideIntegrator(*arguments, outside=outside)
         parameters = integrator.parameters
         z = integrator.state.z
         z[Z] = vehicle.physics.chassis.cog_height
@@ -171,14 +172,14 @@ class FullCar:
         )
         travels, spins = [], []
         for i, linkage in enumerate(mechanism.branches):
-            here = slice(mechanism.offsets[i], mechanism.offsets[i + 1])
+            rows_of_branch = slice(mechanism.offsets[i], mechanism.offsets[i + 1])
             rows = [mechanism.guides.index(guide) for guide in linkage.guides]
-            own = (z[here], dz[here], ddz[here])
-            motion = Motion(linkage, *own, guides[rows, :] if rows else ca.SX(0, 3))
+            coordinates = (z[rows_of_branch], dz[rows_of_branch], ddz[rows_of_branch])
+            motion = Motion(linkage, *coordinates, guides[rows, :] if rows else ca.SX(0, 3))
             travel = motion.measure(self.corners[i // 2].travel)
             values = ca.vertcat(travel.value, travel.rate, travel.acceleration)
-            numbers = ca.Function("travel", [*own, guides, linkage.parameters], [values])
-            travels.append(numbers(*own, guides, parameters[int(ends[i]) : int(ends[i + 1])]))
+            numbers = ca.Function("travel", [*coordinates, guides, linkage.parameters], [values])
+            travels.append(numbers(*coordinates, guides, parameters[int(ends[i]) : int(ends[i + 1])]))
             k = self.spin_index(WHEELS[i])
             spins.append(ca.vertcat(z[k], dz[k], ddz[k]))
         travel_x, spin_x = ca.horzcat(*travels), ca.horzcat(*spins)
@@ -203,18 +204,18 @@ class FullCar:
         places, rates = [q[POSE]], [base_rates(q[POSE]) @ ca.vertcat(u[RATES], u[VELOCITY])]
         violation = ca.MX(0)
         for i, linkage in enumerate(mechanism.branches):
-            own = z[mechanism.offsets[i] : mechanism.offsets[i + 1]]
+            coordinates = z[mechanism.offsets[i] : mechanism.offsets[i + 1]]
             rows = [mechanism.guides.index(guide) for guide in linkage.guides]
             moved = guides[rows, :] if rows else ca.MX(0, 3)
             numbers = parameters[int(ends[i]) : int(ends[i + 1])]
-            wanted, wanted_rates = (ca.vertcat(moving[TRAVEL][i], moving[SPIN][i]) for moving in (q, u))
+            targets, target_rates = (ca.vertcat(moving[TRAVEL][i], moving[SPIN][i]) for moving in (q, u))
             for _ in range(PLACING):
-                gap, matrix, _ = equations[linkage](own, moved, numbers, wanted, wanted_rates)
-                own = own + ca.solve(matrix, gap, "qr")
+                gap, matrix, _ = equations[linkage](coordinates, moved, numbers, targets, target_rates)
+                coordinates = coordinates + ca.solve(matrix, gap, "qr")
                 missing = ca.norm_2(gap)
             violation += missing
-            _, matrix, gap = equations[linkage](own, moved, numbers, wanted, wanted_rates)
-            places.append(own)
+            _, matrix, gap = equations[linkage](coordinates, moved, numbers, targets, target_rates)
+            places.append(coordinates)
             rates.append(ca.solve(matrix, gap, "qr"))
         return ca.Function(
             "full_car_place",

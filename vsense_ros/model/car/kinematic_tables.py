@@ -131,15 +131,15 @@ def largest_errors(
     low, high = tables.travel
     middles = (np.arange(points) + 0.5) / points
     travels, angles = low + (high - low) * middles, tables.steering * (2 * middles - 1)
-    found = {}
+    errors_by_axle = {}
     for axle, position in (("front", front), ("rear", rear)):
         at = angles if position.steered else np.zeros(1)
         expected = position.grid(travels, np.array([steering.motion(float(a))[0] for a in at]))
         values = np.array(
             [[[v[0] for v in tables.columns(axle, s, float(a)).values()] for a in at] for s in travels.tolist()]
         )
-        found[axle] = dict(zip(COLUMNS, np.abs(values - expected).max(axis=(0, 1)).tolist(), strict=True))
-    return found
+        errors_by_axle[axle] = dict(zip(COLUMNS, np.abs(values - expected).max(axis=(0, 1)).tolist(), strict=True))
+    return errors_by_axle
 
 
 def _positions(vehicle: Vehicle) -> tuple[WheelPosition, WheelPosition]:
@@ -178,11 +178,11 @@ def _polynomial(
     for powers in _shapes(len(across) > 1):
         terms = np.stack([np.outer(along**i, across**j).reshape(-1) for i, j in powers], axis=1)
         terms -= [design_point**i * (j == 0) for i, j in powers]
-        found = np.linalg.lstsq(terms, values.reshape(-1) - design, rcond=None)[0]
-        if np.abs(terms @ found + design - values.reshape(-1)).max() > TABLES.margin * tolerance:
+        fitted = np.linalg.lstsq(terms, values.reshape(-1) - design, rcond=None)[0]
+        if np.abs(terms @ fitted + design - values.reshape(-1)).max() > TABLES.margin * tolerance:
             continue
         coefficients = np.zeros(tuple(np.max(powers, axis=0) + 1))
-        coefficients[tuple(np.transpose(powers))] = found
+        coefficients[tuple(np.transpose(powers))] = fitted
         coefficients[0, 0] += design - polynomial.polyval2d(design_point, 0.0, coefficients)
         return coefficients
     return None
@@ -263,14 +263,14 @@ class WheelPosition:
 
     def values(self, z: Array, rack: float) -> Array:
         """`COLUMNS` (6,) at these coordinates."""
-        found = np.asarray(self._values(z, self._guides(rack), self._numbers)).reshape(-1)
-        found[-1] = (found[-1] - self._strut_at_design) / self._strut_ratio
-        return found
+        columns = np.asarray(self._values(z, self._guides(rack), self._numbers)).reshape(-1)
+        columns[-1] = (columns[-1] - self._strut_at_design) / self._strut_ratio
+        return columns
 
     def grid(self, travels: Array, racks: Array) -> Array:
         """`values` for all travels (n,) and racks (k,), both in order, n×k×6: from the middle outwards, so that each
         point begins near its solution."""
-        found = np.empty((len(travels), len(racks), len(COLUMNS)))
+        grid_values = np.empty((len(travels), len(racks), len(COLUMNS)))
         begin, across = int(np.argmin(np.abs(travels))), int(np.argmin(np.abs(racks)))
         for side in (range(across, len(racks)), range(across - 1, -1, -1)):
             middle = self.design
@@ -280,5 +280,5 @@ class WheelPosition:
                     z = middle
                     for i in direction:
                         z = self.coordinates(travels[i], racks[k], z)
-                        found[i, k] = self.values(z, racks[k])
-        return found
+                        grid_values[i, k] = self.values(z, racks[k])
+        return grid_values

@@ -44,9 +44,9 @@ class CarInParts(Car):
     def _hubs(self) -> list[HubMotion]:
         hubs = []
         for corner, place in zip(self.corners, self.places, strict=True):
-            given = ca.horzsplit(ca.reshape(self.columns[:, corner.index], 3, len(COLUMNS)))
+            columns_of_wheel = ca.horzsplit(ca.reshape(self.columns[:, corner.index], 3, len(COLUMNS)))
             within: Columns = {}
-            for name, column in zip(COLUMNS, given, strict=True):
+            for name, column in zip(COLUMNS, columns_of_wheel, strict=True):
                 value, slope, half_curvature = ca.vertsplit(column)
                 within[name] = value, slope, half_curvature
             travel = self.q[TRAVEL][corner.index]
@@ -67,39 +67,43 @@ class CarInParts(Car):
     def places_function(self) -> ca.Function:
         """(q, u, disturbances, inputs, p, internal_state) → of each wheel ξ within its tables, η, rate of ξ [1/s];
         3×4."""
-        found = [
+        places_of_wheels = [
             ca.vertcat(place.within, place.across, self.u[TRAVEL][i] / place.half)
             for i, place in enumerate(self.places)
         ]
         arguments = [self.q, self.u, *self._position[1:]]
-        return codegen.function("places", arguments, [ca.horzcat(*found)], ("q", "u", *_POSITION[1:]))
+        return codegen.function("places", arguments, [ca.horzcat(*places_of_wheels)], ("q", "u", *_POSITION[1:]))
 
     def columns_function(self) -> ca.Function:
         """(q, disturbances, inputs, p, internal_state) → `columns`."""
-        found = []
+        columns_of_wheels = []
         for corner, place in zip(self.corners, self.places, strict=True):
             of_axle = self._coefficients["front" if corner.front else "rear"]
-            found.append(ca.vertcat(*(v for values in columns_within(of_axle, place).values() for v in values)))
-        return codegen.function("columns", self._position, [ca.horzcat(*found)], _POSITION)
+            columns_of_wheels.append(
+                ca.vertcat(*(v for values in columns_within(of_axle, place).values() for v in values))
+            )
+        return codegen.function("columns", self._position, [ca.horzcat(*columns_of_wheels)], _POSITION)
 
     def axes_function(self) -> ca.Function:
         """(…, columns) → of each wheel the rotation from its axes, y along its axle, to those of the chassis, by rows;
         9×4."""
-        found = []
+        rotations = []
         for hub in self._hubs:
             ahead = ca.vertcat(hub.axle[1], -hub.axle[0], 0) / ca.sqrt(hub.axle[0] ** 2 + hub.axle[1] ** 2)
             turn = ca.horzcat(ahead, hub.axle, ca.cross(ahead, hub.axle))
-            found.append(ca.vec(turn.T))
-        return codegen.function("axes", [*self._position, self.columns], [ca.horzcat(*found)], (*_POSITION, "columns"))
+            rotations.append(ca.vec(turn.T))
+        return codegen.function(
+            "axes", [*self._position, self.columns], [ca.horzcat(*rotations)], (*_POSITION, "columns")
+        )
 
     def inertias_function(self) -> ca.Function:
         """(…, columns) → `inertias`."""
-        found = []
+        inertias = []
         for corner, hub in zip(self.corners, self._hubs, strict=True):
             matrix = wheel_inertia(corner, hub)
-            found.append(ca.vertcat(matrix[0, :].T, matrix[1, 1:].T, matrix[2, 2]))
+            inertias.append(ca.vertcat(matrix[0, :].T, matrix[1, 1:].T, matrix[2, 2]))
         arguments = [*self._position, self.columns]
-        return codegen.function("inertias", arguments, [ca.horzcat(*found)], (*_POSITION, "columns"))
+        return codegen.function("inertias", arguments, [ca.horzcat(*inertias)], (*_POSITION, "columns"))
 
     # The car of its parts
 

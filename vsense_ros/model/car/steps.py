@@ -134,8 +134,10 @@ def _factors_function(car: Car) -> ca.Function:
     # Joints first: they are coupled with each other through the chassis only, which keeps the factors sparse.
     joints = (joint.start + corner for corner in range(len(WHEELS)) for joint in (SPIN, TRAVEL))
     order = [*joints, *range(TWIST.stop)]
-    back = sorted(range(COORDINATES), key=order.__getitem__)
-    inverse = ca.densify(inverse_spd(ca.jacobian(car.inertia_times(udot), udot)[order, order])[back, back])
+    original_order = sorted(range(COORDINATES), key=order.__getitem__)
+    inverse = ca.densify(
+        inverse_spd(ca.jacobian(car.inertia_times(udot), udot)[order, order])[original_order, original_order]
+    )
     rates = ca.jacobian(_dynamic(car.kinematics), car.u)
     results = [ca.densify(car.dynamics), inverse, *parts, by_state(ca.vec(car.steady_tyre_motions)), beside, rates]
     return ca.Function("factors", arguments, results, {"cse": True})
@@ -149,11 +151,11 @@ def advance_function(car: Car) -> ca.Function:
     state, h = _symbols(car), ca.MX.sym("h")
     inverse = ca.MX.sym("inverse", COORDINATES, COORDINATES)
     by_q = ca.MX.sym("by_q", COORDINATES, len(DYNAMIC_COORDINATES))
-    (q, u), rest = state[:2], state[2:]
+    (q, u), other_arguments = state[:2], state[2:]
     rate, rate_u, moved, responses, rows, known = _first_stage(car)(*state, h)
     # Stages without the stiffening are plain; Woodbury's identity brings it in.
     plain = ca.mac(inverse, ca.mac(by_q, moved, rate_u), ca.MX.zeros(COORDINATES))
-    given = {
+    common = {
         "q": q,
         "u": u,
         "disturbances": state[3],
@@ -162,24 +164,24 @@ def advance_function(car: Car) -> ca.Function:
         "rows": rows,
         "known": known,
     }
-    first_q, first_u, q, u, reduced = _called("middle", _middle, **given, rate=rate, plain=plain)
-    rate_u, first = accelerations_function(car)(q, u, *rest), {"first_q": first_q, "first_u": first_u}
+    first_q, first_u, q, u, reduced = _called("middle", _middle, **common, rate=rate, plain=plain)
+    rate_u, first = accelerations_function(car)(q, u, *other_arguments), {"first_q": first_q, "first_u": first_u}
     right_q, right_u, moved = _called(
         "second_stage", _second_stage, q=q, u=u, disturbances=state[3], h=h, **first, rate_u=rate_u
     )
     plain = ca.mac(inverse, ca.mac(by_q, moved, right_u), ca.MX.zeros(COORDINATES))
-    results = _called("end", _end, **given, **first, reduced=reduced, right_q=right_q, plain=plain)
+    results = _called("end", _end, **common, **first, reduced=reduced, right_q=right_q, plain=plain)
     arguments = [*state, h, inverse, by_q]
     return ca.Function("advance", arguments, results, [*_names(car), "h", "inverse", "by_q"], ["r0", "r1"])
 
 
-def _called(name: str, make: Callable[..., list[ca.SX]], **given: ca.MX) -> list[ca.MX]:
+def _called(name: str, make: Callable[..., list[ca.SX]], **arguments: ca.MX) -> list[ca.MX]:
     """What a function that `make` makes of symbols gives for these arguments."""
-    symbols = {word: ca.SX.sym(word, value.sparsity()) for word, value in given.items()}
+    symbols = {word: ca.SX.sym(word, value.sparsity()) for word, value in arguments.items()}
     results = [ca.densify(result) for result in make(**symbols)]
     names = [f"r{i}" for i in range(len(results))]
     function = ca.Function(name, list(symbols.values()), results, list(symbols), names, {"cse": True})
-    return list(function.call(list(given.values())))
+    return list(function.call(list(arguments.values())))
 
 
 def accelerations_function(car: Car) -> ca.Function:

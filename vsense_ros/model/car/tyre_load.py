@@ -45,7 +45,7 @@ class TyreLoad:
         )
         slips = ca.SX.sym("slips", 4)  # load, speed x, speed y, rolling speed
         camber = ca.SX.sym("camber")
-        found = a.tyre.forces(
+        forces_by_slips = a.tyre.forces(
             TyreInput(
                 load=slips[0],
                 speed_x=slips[1],
@@ -56,12 +56,12 @@ class TyreLoad:
                 side=self._side,
             )
         )
-        result = ca.vertcat(*found)
+        result = ca.vertcat(*forces_by_slips)
         parameters = ca.vertcat(*(s for s in ca.symvar(result) if not ca.depends_on(ca.vertcat(slips, camber), s)))
         tyre = ca.Function("tyre", [slips, camber, parameters], [result, ca.jacobian(result[:3], slips)])
         rolling = touch.effective_radius * state.rate
-        here = ca.vertcat(touch.load, touch.speed_x, touch.speed_y, rolling)
-        values, slopes = tyre(here, touch.inclination, parameters)
+        present_slips = ca.vertcat(touch.load, touch.speed_x, touch.speed_y, rolling)
+        values, slopes = tyre(present_slips, touch.inclination, parameters)
         forces = TyreForces(*ca.vertsplit(values))
         force = forces.longitudinal * touch.ahead + forces.lateral * touch.sideways + touch.load * touch.normal
         moment = forces.aligning_moment * touch.normal + touch.rolling_resistance(a, rolling) * axle

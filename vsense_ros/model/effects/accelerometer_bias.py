@@ -30,8 +30,8 @@ class AccelerometerBias(Effect):
 
     @classmethod
     def prior(cls, vehicle: VehicleFile) -> dict[str, float]:
-        left = max((s.force_bias for s in vehicle.sensing().values() if isinstance(s, Imu)), default=0.0)
-        return dict.fromkeys("xyz", left)
+        deviation = max((s.force_bias for s in vehicle.sensing().values() if isinstance(s, Imu)), default=0.0)
+        return dict.fromkeys("xyz", deviation)
 
     def sensors(self, sensors: dict[str, SensorBase]) -> dict[str, SensorBase]:
         def off(imu: Imu) -> dict[str, object]:

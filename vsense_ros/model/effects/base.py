@@ -186,7 +186,7 @@ class Effect(Part):
     def mean_slope(self) -> tuple[Any, Any]:
         """`slope` of a road that turns as the car does; zero for a plane, as whoever drives on it must know from which
         direction it came to it."""
-        return here if (here := self.slope(0.0)) == self.slope(1.0) else (0.0, 0.0)
+        return constant if (constant := self.slope(0.0)) == self.slope(1.0) else (0.0, 0.0)
 
     @property
     def has_size(self) -> bool:

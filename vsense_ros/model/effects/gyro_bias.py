@@ -23,8 +23,8 @@ class GyroBias(Effect):
 
     @classmethod
     def prior(cls, vehicle: VehicleFile) -> dict[str, float]:
-        left = max((s.rate_bias for s in vehicle.sensing().values() if isinstance(s, Imu)), default=0.0)
-        return dict.fromkeys("xyz", left)
+        deviation = max((s.rate_bias for s in vehicle.sensing().values() if isinstance(s, Imu)), default=0.0)
+        return dict.fromkeys("xyz", deviation)
 
     def sensors(self, sensors: dict[str, SensorBase]) -> dict[str, SensorBase]:
         def off(imu: Imu) -> dict[str, object]:

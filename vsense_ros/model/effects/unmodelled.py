@@ -191,7 +191,7 @@ class _Unmodelled(Effect):
         return f"{', '.join(asking)}, as no sensor measures the wheel torques" if asking else ""
 
     def _sum(self, channel: str, car: MovingCar) -> ca.SX:
-        terms = (getattr(self, f"{channel}_{feature}") * each.value(car) for feature, each in TERMS[channel].items())
+        terms = (getattr(self, f"{channel}_{feature}") * term.value(car) for feature, term in TERMS[channel].items())
         return sum(terms, ca.SX(0))
 
 

@@ -22,7 +22,7 @@ class _UnmodelledReading(Effect):
     needs: ClassVar[tuple[str, ...]] = ("imu",)
 
     def sensors(self, sensors: dict[str, SensorBase]) -> dict[str, SensorBase]:
-        def read(imu: Imu) -> dict[str, object]:
+        def with_defects(imu: Imu) -> dict[str, object]:
             besides = {
                 "force_scale": tuple(getattr(self, f"accelerometer_{a}_scale") for a in _AXES),
                 "force_square": tuple(getattr(self, f"accelerometer_{a}_square") for a in _AXES),
@@ -31,14 +31,14 @@ class _UnmodelledReading(Effect):
             }
             return {name: tuple(_sum(getattr(imu, name), more)) for name, more in besides.items()}
 
-        return of_kind(sensors, "imu", read)
+        return of_kind(sensors, "imu", with_defects)
 
 
-def _sum(known: Any, more: Any) -> Any:
+def _sum(present: Any, added: Any) -> Any:
     """The sum of two tuples of numbers or of tuples."""
-    if not isinstance(known, tuple):
-        return known + more
-    return tuple(_sum(a, b) for a, b in zip(known, more, strict=True))
+    if not isinstance(present, tuple):
+        return present + added
+    return tuple(_sum(a, b) for a, b in zip(present, added, strict=True))
 
 
 def _fields() -> dict[str, Any]:

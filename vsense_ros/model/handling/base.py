@@ -71,14 +71,14 @@ class Tyres:
         """Linear ones with the stiffnesses that the vehicle's tyres have at zero slip and under their static loads, or
         those of the vehicle file."""
         of_axle = (vehicle.physics.front, vehicle.physics.rear)
-        which = [of_axle[_axle_index(place)] for place in places]
+        axles = [of_axle[_axle_index(place)] for place in places]
         if kind == "own":
             grip = vehicle.physics.road.friction
-            scales = [Scales(axle.cornering_scale, axle.longitudinal_scale, grip * axle.grip_scale) for axle in which]
-            own = {place: axle.tyre for place, axle in zip(places, which, strict=True)}
-            return cls(own, scales=dict(zip(places, scales, strict=True)))
+            scales = [Scales(axle.cornering_scale, axle.longitudinal_scale, grip * axle.grip_scale) for axle in axles]
+            tyre_by_place = {place: axle.tyre for place, axle in zip(places, axles, strict=True)}
+            return cls(tyre_by_place, scales=dict(zip(places, scales, strict=True)))
         loads = static_loads(vehicle)
-        linear = [linear_tyre(axle, loads[_axle_index(place)]) for place, axle in zip(places, which, strict=True)]
+        linear = [linear_tyre(axle, loads[_axle_index(place)]) for place, axle in zip(places, axles, strict=True)]
         return cls(dict(zip(places, linear, strict=True)), STIFFNESSES)
 
     @property
@@ -106,8 +106,8 @@ class Tyres:
                 rolling_speed=wheel.speed_x + scale.longitudinal * sliding,
                 friction=scale.friction,
             )
-        found = tyre.forces(wheel)
-        return found.longitudinal, found.lateral
+        forces = tyre.forces(wheel)
+        return forces.longitudinal, forces.lateral
 
 
 class HandlingModel(ABC):
@@ -140,8 +140,8 @@ class HandlingModel(ABC):
 
     def numbers(self, vehicle: Vehicle) -> dict[str, float]:
         """Parameters from a vehicle file, by name [SI]."""
-        known = car_numbers(vehicle) | self.tyre_numbers()
-        return {name: known[name] for name in self.parameters}
+        values = car_numbers(vehicle) | self.tyre_numbers()
+        return {name: values[name] for name in self.parameters}
 
     def tyre_numbers(self) -> dict[str, float]:
         """Parameters that are numbers of tyres."""
@@ -247,7 +247,7 @@ def car_numbers(vehicle: Vehicle) -> dict[str, float]:
     Stiffnesses are those of both tyres of an axle, radii the effective rolling radii under static load.
     """
     physics, loads, radii = vehicle.physics, static_loads(vehicle), rolling_radii(vehicle)
-    found = {
+    values = {
         "mass": physics.chassis.mass,
         "yaw_inertia": physics.chassis.yaw_inertia,
         "to_front": physics.chassis.cog_to_front_axle,
@@ -256,14 +256,14 @@ def car_numbers(vehicle: Vehicle) -> dict[str, float]:
         "drag_area": physics.aerodynamics.drag_area,
     }
     for i, (name, axle) in enumerate(zip(AXLES, (physics.front, physics.rear), strict=True)):
-        found[f"{name}_stiffness"] = 2 * slopes(axle, loads[i])[1]
-        found[f"{name}_half_track"] = axle.track / 2
-        found[f"{name}_radius"] = float(radii[2 * i])
-        found[f"{name}_spin_inertia"] = 2 * axle.wheel_spin_inertia
+        values[f"{name}_stiffness"] = 2 * slopes(axle, loads[i])[1]
+        values[f"{name}_half_track"] = axle.track / 2
+        values[f"{name}_radius"] = float(radii[2 * i])
+        values[f"{name}_spin_inertia"] = 2 * axle.wheel_spin_inertia
     for i, wheel in enumerate(WHEELS):
-        found[f"radius_{wheel}"] = float(radii[i])
-        found[f"spin_inertia_{wheel}"] = axle_of(vehicle, i).wheel_spin_inertia
-    return found
+        values[f"radius_{wheel}"] = float(radii[i])
+        values[f"spin_inertia_{wheel}"] = axle_of(vehicle, i).wheel_spin_inertia
+    return values
 
 
 def steered_wheels(vehicle: Vehicle, angle: Array) -> tuple[Array, Array]:
@@ -286,7 +286,7 @@ def _parameter(place: str, name: str) -> str:
 
 
 def _number(tyre: Tyre, dotted: str) -> Any:
-    found: Any = tyre
+    attribute: Any = tyre
     for part in dotted.split("."):
-        found = getattr(found, part)
-    return found
+        attribute = getattr(attribute, part)
+    return attribute

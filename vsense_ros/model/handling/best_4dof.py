@@ -145,8 +145,8 @@ class Best4Dof:
         mass = (p.front_weight + p.rear_weight) / GRAVITY
         ahead, left = self.road_forces(x, u)
         tilt = GRAVITY * x.roll if self.on_body else 0.0
-        found = [sum(ahead) / mass, sum(left) / mass + tilt, x.roll_rate]
-        return [*found, x.yaw_rate] if "yaw_rate" in self.outputs else found
+        outputs = [sum(ahead) / mass, sum(left) / mass + tilt, x.roll_rate]
+        return [*outputs, x.yaw_rate] if "yaw_rate" in self.outputs else outputs
 
     def tyre_forces(self, x: Any) -> tuple[list[Scalar], list[Scalar]]:
         """Forces of the four tyres, along and across each wheel [N]."""
@@ -183,7 +183,7 @@ class Best4Dof:
         to_front = p.wheelbase * p.rear_weight / (p.front_weight + p.rear_weight)
         to_rear = p.wheelbase - to_front
         cos, sin = ca.cos(u.steering), ca.sin(u.steering)
-        found = []
+        forces_of_tyres = []
         for i, wheel in enumerate(WHEELS):
             front, side = i < 2, -1 if i % 2 == 0 else 1
             ahead = x.speed + side * p.half_track * x.yaw_rate
@@ -194,8 +194,8 @@ class Best4Dof:
             rolling = p.wheel_radius * u[f"spin_{wheel}"]
             contact = TyreInput(loads[i], ahead, left, rolling, p.friction)
             forces = tyre(p, "front" if front else "rear").forces(contact)
-            found.append((forces.longitudinal, forces.lateral))
-        return found
+            forces_of_tyres.append((forces.longitudinal, forces.lateral))
+        return forces_of_tyres
 
 
 def tyre(p: Any, axle: str) -> Similarity:

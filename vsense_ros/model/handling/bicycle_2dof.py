@@ -44,11 +44,11 @@ class Bicycle2Dof(HandlingModel):
         rear = x.side_slip - p.to_rear * x.yaw_rate / speed
         if self.tyres is None:
             return -p.front_stiffness * front, -p.rear_stiffness * rear
-        found = [
+        axle_forces = [
             2 * self.tyres.forces(place, TyreInput(load, speed, speed * angle, speed), p)[1]
             for place, load, angle in zip(AXLES, loads_at_rest(p), (front, rear), strict=True)
         ]
-        return found[0], found[1]
+        return axle_forces[0], axle_forces[1]
 
     def rates(self, x: Any, u: Any, p: Any) -> list[Scalar]:
         front, rear = self.axle_forces(x, u, p)

@@ -55,8 +55,8 @@ class Linear:
         """Complex response of an output to inputs in a `direction` (k,), at angular frequencies (w,) [rad/s]."""
         unit = np.eye(len(self.a))
         b, d = self.b @ direction, self.d[output] @ direction
-        found = [self.c[output] @ np.linalg.solve(1j * w * unit - self.a, b) + d for w in np.atleast_1d(frequency)]
-        return np.array(found)
+        responses = [self.c[output] @ np.linalg.solve(1j * w * unit - self.a, b) + d for w in np.atleast_1d(frequency)]
+        return np.array(responses)
 
 
 class Response:
@@ -67,23 +67,27 @@ class Response:
         self.parameters = np.array([numbers[name] for name in model.parameters])
         x, u, p = (ca.SX.sym(k, len(n)) for k, n in (("x", model.states), ("u", model.inputs), ("p", model.parameters)))
         named = [Values(n, v) for n, v in ((model.states, x), (model.inputs, u), (model.parameters, p))]
-        rates, outputs = (ca.vertcat(*found) for found in (model.rates(*named), model.measured(*named)))
+        rates, outputs = (ca.vertcat(*expressions) for expressions in (model.rates(*named), model.measured(*named)))
         self.rates = ca.Function("rates", [x, u, p], [rates])
         self.outputs = ca.Function("outputs", [x, u, p], [outputs])
-        by_state, by_input = ([ca.jacobian(found, at) for found in (rates, outputs)] for at in (x, u))
+        by_state, by_input = ([ca.jacobian(function, at) for function in (rates, outputs)] for at in (x, u))
         h = ca.SX.sym("h")
         after = rosenbrock_step(self.rates, by_state[0], x, u, p, h)
         self._step = ca.Function("step", [x, u, p, h], [after])
         slopes = ca.SX.sym("slopes", len(model.states), len(model.parameters))
         moved = ca.jacobian(after, x) @ slopes + ca.jacobian(after, p)
-        both, both_after = (ca.horzcat(*pair) for pair in ((x, slopes), (after, moved)))
-        self._slope_step = ca.Function("slope_step", [both, u, p, h], [both_after])
+        with_slopes, with_slopes_after = (ca.horzcat(*pair) for pair in ((x, slopes), (after, moved)))
+        self._slope_step = ca.Function("slope_step", [with_slopes, u, p, h], [with_slopes_after])
         slopes_of_outputs = ca.jacobian(outputs, x) @ slopes + ca.jacobian(outputs, p)
-        self._output_slopes = ca.Function("output_slopes", [both, u, p], [slopes_of_outputs])
+        self._output_slopes = ca.Function("output_slopes", [with_slopes, u, p], [slopes_of_outputs])
         following = model.following(*named)
         followed = ca.vertcat(*(following.get(name, u[i]) for i, name in enumerate(model.inputs)))
-        by_motion, kept = ca.jacobian(followed, x), ca.jacobian(followed, u)
-        coupled = [found for a, b in zip(by_state, by_input, strict=True) for found in (a + b @ by_motion, b @ kept)]
+        by_motion, by_free_input = ca.jacobian(followed, x), ca.jacobian(followed, u)
+        coupled = [
+            function
+            for a, b in zip(by_state, by_input, strict=True)
+            for function in (a + b @ by_motion, b @ by_free_input)
+        ]
         self._jacobians = ca.Function("jacobians", [x, u, p], coupled)
 
     def straight(self, speed: float) -> tuple[Array, Array]:
@@ -110,7 +114,7 @@ class Response:
 
     def linear(self, x: Array, u: Array) -> Linear:
         """The model around a state (n,) and inputs (k,); wheels roll along with the car (`HandlingModel.following`)."""
-        return Linear(*(np.asarray(found) for found in self._jacobians(x, u, self.parameters)))
+        return Linear(*(np.asarray(jacobian) for jacobian in self._jacobians(x, u, self.parameters)))
 
     def frequency_response(
         self, speed: float, frequency: Array, output: str = "lateral_velocity"
@@ -124,8 +128,8 @@ class Response:
         """States (n + 1, states) from `start` on, with inputs (n, k) that are held for `step` [s] each."""
         steps = len(inputs)
         run = self._step.mapaccum("drive", steps)
-        held = np.broadcast_to(self.parameters[:, None], (len(self.parameters), steps))
-        after = run(start, inputs.T, held, np.full((1, steps), step))
+        parameters = np.broadcast_to(self.parameters[:, None], (len(self.parameters), steps))
+        after = run(start, inputs.T, parameters, np.full((1, steps), step))
         return np.vstack([start, np.asarray(after).T])
 
     def sensitivities(self, start: Array, inputs: Array, step: float) -> Array:
@@ -133,18 +137,18 @@ class Response:
         forward propagation, exactly those of the steps that `drive` takes."""
         steps, count = len(inputs), len(self.parameters)
         run, output_slopes = self._slope_step.mapaccum("slopes", steps), self._output_slopes.map(steps)
-        held = np.broadcast_to(self.parameters[:, None], (count, steps))
+        parameters = np.broadcast_to(self.parameters[:, None], (count, steps))
         begin = ca.horzcat(ca.DM(start), ca.DM.zeros(len(start), count))
-        after = run(begin, inputs.T, held, np.full((1, steps), step))
+        after = run(begin, inputs.T, parameters, np.full((1, steps), step))
         before = ca.horzcat(begin, after[:, : -(count + 1)])
-        found = np.asarray(output_slopes(before, inputs.T, held))
-        return found.reshape(len(self.model.outputs), steps, count).transpose(1, 0, 2)
+        slopes = np.asarray(output_slopes(before, inputs.T, parameters))
+        return slopes.reshape(len(self.model.outputs), steps, count).transpose(1, 0, 2)
 
     def output_values(self, states: Array, inputs: Array) -> Array:
         """Outputs (n, m) of states (n, states) with inputs (n, k)."""
         run = self.outputs.map(len(states))
-        held = np.broadcast_to(self.parameters[:, None], (len(self.parameters), len(states)))
-        return np.asarray(run(states.T, inputs.T, held)).T
+        parameters = np.broadcast_to(self.parameters[:, None], (len(self.parameters), len(states)))
+        return np.asarray(run(states.T, inputs.T, parameters)).T
 
 
 def rosenbrock_step(rates: ca.Function, jacobian: ca.SX, x: ca.SX, u: ca.SX, p: ca.SX, h: Scalar) -> ca.SX:

@@ -96,12 +96,12 @@ def check(linkage: Linkage, parameters: Array, z: Array, guides: Array | None = 
     rank = int(np.sum(values > ASSEMBLY.relative_rank * values[0]))
     if rank < count:
         names: list[str] = []
-        kept = np.zeros((0, n))
+        independent = np.zeros((0, n))
         for row, name in zip(jacobian, linkage.equation_names, strict=True):
-            trial = np.vstack([kept, row])
+            trial = np.vstack([independent, row])
             singular = np.linalg.svd(trial, compute_uv=False)
-            if np.sum(singular > ASSEMBLY.relative_rank * values[0]) > len(kept):
-                kept = trial
+            if np.sum(singular > ASSEMBLY.relative_rank * values[0]) > len(independent):
+                independent = trial
             elif name not in names:
                 names.append(name)
         raise InputError(

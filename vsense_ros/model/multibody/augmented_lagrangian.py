@@ -77,8 +77,8 @@ class StepOfLinkage:
         base_velocity, base_acceleration = ca.SX.sym("base_velocity", 6), ca.SX.sym("base_acceleration", 6)
         up, height, h = ca.SX.sym("up", 3), ca.SX.sym("height"), ca.SX.sym("h")
         self.motion = motion = Motion(linkage, z, dz, ddz, guides)
-        given = None if inertias is None else inertias(motion)
-        self.forces = forces = Forces(motion, base_velocity, base_acceleration, up, height, given)
+        given_inertias = None if inertias is None else inertias(motion)
+        self.forces = forces = Forces(motion, base_velocity, base_acceleration, up, height, given_inertias)
         weight = h**2 / 4
         jacobian, constraint = motion.constraint_jacobian, motion.constraint
         self.arguments = [
@@ -86,12 +86,12 @@ class StepOfLinkage:
             linkage.parameters, linkage.inputs, h,
         ]  # fmt: skip
         residual = weight * (forces.residual + jacobian.T @ multipliers) + STEP.penalty_mass * (jacobian.T @ constraint)
-        tangent, by_base, of_base, both = forces.tangent(h / 2, weight)
+        tangent, by_base, of_base, at_base = forces.tangent(h / 2, weight)
         matrix = (
             tangent + weight * motion.constraint_curvature(multipliers) + STEP.penalty_mass * (jacobian.T @ jacobian)
         )
         self.evaluated = [residual, weight * forces.base, constraint]
-        self.tangent = [matrix, by_base, of_base, both, jacobian]
+        self.tangent = [matrix, by_base, of_base, at_base, jacobian]
 
 
 def _branch(linkage: Linkage) -> _Branch:
@@ -163,17 +163,17 @@ def base_functions(mechanism: Mechanism) -> tuple[ca.Function, ca.Function]:
     attitude = spatial.rotation_rpy(q[3], q[4], q[5])
     s, c = ca.sin(q[3]), ca.cos(q[3])
     # Body rates from the rates of roll, pitch and yaw, and back.
-    turning = ca.vertcat(
+    to_body_rates = ca.vertcat(
         ca.horzcat(1, 0, -ca.sin(q[4])),
         ca.horzcat(0, c, s * ca.cos(q[4])),
         ca.horzcat(0, -s, c * ca.cos(q[4])),
     )
-    back = ca.vertcat(
+    to_angle_rates = ca.vertcat(
         ca.horzcat(1, s * ca.tan(q[4]), c * ca.tan(q[4])),
         ca.horzcat(0, c, -s),
         ca.horzcat(0, s / ca.cos(q[4]), c / ca.cos(q[4])),
     )
-    velocity = ca.vertcat(turning @ dq[3:6], attitude.T @ dq[0:3])
+    velocity = ca.vertcat(to_body_rates @ dq[3:6], attitude.T @ dq[0:3])
     acceleration = ca.jtimes(velocity, ca.vertcat(q, dq), ca.vertcat(dq, ddq))
     felt = ca.vertcat(acceleration[:3], acceleration[3:] - attitude.T @ gravity)
     inertia = spatial.rigid_inertia(ca.SX(base.mass), column(base.centre), base.inertia)
@@ -185,7 +185,7 @@ def base_functions(mechanism: Mechanism) -> tuple[ca.Function, ca.Function]:
         [velocity, felt, attitude[2, :].T, q[2], h**2 / 4 * missing, inertia],
         ("q", "dq", "ddq", "gravity", "wrench", "parameters", "h"),
     )
-    rates = ca.vertcat(ca.horzcat(ca.SX(3, 3), attitude), ca.horzcat(back, ca.SX(3, 3)))
+    rates = ca.vertcat(ca.horzcat(ca.SX(3, 3), attitude), ca.horzcat(to_angle_rates, ca.SX(3, 3)))
     return state, codegen.function("base_rates", [q], [rates], ("q",))
 
 
@@ -221,8 +221,10 @@ class Equations:
     def _base(self, z: ca.MX, dz: ca.MX, ddz: ca.MX, h: ca.MX | None = None) -> tuple[ca.MX, ...]:
         k = self.mechanism.base_size
         _, _, _, _, parameters, _, gravity, wrench, _ = self.symbols
-        own = parameters[: int(self._parameter_ends[0])]
-        return tuple(self._base_state.call([z[:k], dz[:k], ddz[:k], gravity, wrench, own, self.h if h is None else h]))
+        of_base = parameters[: int(self._parameter_ends[0])]
+        return tuple(
+            self._base_state.call([z[:k], dz[:k], ddz[:k], gravity, wrench, of_base, self.h if h is None else h])
+        )
 
     def _branches(
         self,
@@ -254,7 +256,7 @@ class Equations:
                 exports[link.source] = shared.exports(*part(link.source))
         results = []
         for i in range(len(mechanism.branches)):
-            here = slice(mechanism.offsets[i], mechanism.offsets[i + 1])
+            columns = slice(mechanism.offsets[i], mechanism.offsets[i + 1])
             rows = slice(mechanism.equation_offsets[i], mechanism.equation_offsets[i + 1])
             own_z, own_guides, own_parameters = part(i)
             own_inputs = ca.vertsplit(inputs[int(self._input_ends[i]) : int(self._input_ends[i + 1])])
@@ -262,11 +264,11 @@ class Equations:
                 if link.to == i:
                     own_inputs[link.entry] = exports[link.source][link.export]
             arguments = [
-                own_z, dz[here], ddz[here], own_guides, multipliers[rows], *base[:4], own_parameters,
+                own_z, dz[columns], ddz[columns], own_guides, multipliers[rows], *base[:4], own_parameters,
                 ca.vertcat(ca.MX(0, 1), *own_inputs), self.h if h is None else h,
             ]  # fmt: skip
-            found = self._called(i, name, arguments)
-            results.append(found if isinstance(found, tuple) else (found,))
+            outputs = self._called(i, name, arguments)
+            results.append(outputs if isinstance(outputs, tuple) else (outputs,))
         return results
 
     def function_of(self, i: int, name: str) -> ca.Function:
@@ -276,8 +278,8 @@ class Equations:
 
     def _called(self, i: int, name: str, arguments: Sequence[ca.MX]) -> ca.MX | tuple[ca.MX, ...]:
         """What the function of a branch gives."""
-        found: ca.MX | tuple[ca.MX, ...] = self.function_of(i, name)(*arguments)
-        return found
+        outputs: ca.MX | tuple[ca.MX, ...] = self.function_of(i, name)(*arguments)
+        return outputs
 
     def _factor(
         self, z: ca.MX, dz: ca.MX, ddz: ca.MX, multipliers: ca.MX, h: ca.MX | None = None
@@ -307,13 +309,13 @@ class Equations:
         largest = ca.MX(0)
         for _ in range(count):
             base = self._base(z, dz, ddz)
-            found = self._branches("evaluate", z, dz, ddz, multipliers, base)
-            missing = sum((f[1] for f in found), base[4])
-            change = self._solve(z, factors, at_base, [f[0] for f in found], missing)
+            by_branch = self._branches("evaluate", z, dz, ddz, multipliers, base)
+            missing = sum((f[1] for f in by_branch), base[4])
+            change = self._solve(z, factors, at_base, [f[0] for f in by_branch], missing)
             z, dz, ddz = z + change, dz + 2 / h * change, ddz + 4 / h**2 * change
             violations = [
                 f[2] + factor[4] @ change[mechanism.offsets[i] : mechanism.offsets[i + 1]]
-                for i, (f, factor) in enumerate(zip(found, factors, strict=True))
+                for i, (f, factor) in enumerate(zip(by_branch, factors, strict=True))
             ]
             multipliers = multipliers + STEP.penalty_mass * 4 / h**2 * ca.vertcat(ca.MX(0, 1), *violations)
             largest = ca.norm_2(change)  # unlike the largest element, it does not hide what is no number
@@ -329,15 +331,15 @@ class Equations:
         for which in (1, 2):
             # Twice: one projection by a penalty leaves a share of the violation that is the ratio of the masses.
             for _ in range(2):
-                found = self._branches("constraints", z, dz, ddz, multipliers, base)
-                residuals = [STEP.penalty_mass * (f[3].T @ f[which]) for f in found]
+                by_branch = self._branches("constraints", z, dz, ddz, multipliers, base)
+                residuals = [STEP.penalty_mass * (f[3].T @ f[which]) for f in by_branch]
                 change = self._solve(z, factors, at_base, residuals, nothing)
                 if which == 1:
                     dz = dz + change
                 else:
                     ddz = ddz + change
-        found = self._branches("constraints", z, dz, ddz, multipliers, base)
-        return dz, ddz, ca.norm_2(ca.vertcat(*(f[0] for f in found)))
+        by_branch = self._branches("constraints", z, dz, ddz, multipliers, base)
+        return dz, ddz, ca.norm_2(ca.vertcat(*(f[0] for f in by_branch)))
 
     def settle_function(self) -> ca.Function:
         """Rates, accelerations and multipliers that fit the coordinates, and the last change of an acceleration.
@@ -360,13 +362,17 @@ class Equations:
         largest = ca.MX(0)
         for _ in range(STEP.settling):
             base = self._base(z, dz, ddz, unit_weight)
-            found = self._branches("evaluate", z, dz, ddz, multipliers, base, unit_weight)
-            held = constraints()
-            residuals = [f[0] + STEP.penalty_mass * (c[3].T @ (c[2] - c[0])) for f, c in zip(found, held, strict=True)]
-            change = self._solve(z, factors, at_base, residuals, sum((f[1] for f in found), base[4]))
+            by_branch = self._branches("evaluate", z, dz, ddz, multipliers, base, unit_weight)
+            constraints_by_branch = constraints()
+            residuals = [
+                f[0] + STEP.penalty_mass * (c[3].T @ (c[2] - c[0]))
+                for f, c in zip(by_branch, constraints_by_branch, strict=True)
+            ]
+            change = self._solve(z, factors, at_base, residuals, sum((f[1] for f in by_branch), base[4]))
             ddz = ddz + change
             violations = [
-                c[2] + c[3] @ change[mechanism.offsets[i] : mechanism.offsets[i + 1]] for i, c in enumerate(held)
+                c[2] + c[3] @ change[mechanism.offsets[i] : mechanism.offsets[i + 1]]
+                for i, c in enumerate(constraints_by_branch)
             ]
             multipliers = multipliers + STEP.penalty_mass * ca.vertcat(ca.MX(0, 1), *violations)
             largest = ca.norm_2(change)  # unlike the largest element, it does not hide what is no number
@@ -400,19 +406,19 @@ class Equations:
         k = mechanism.base_size
         still = ca.MX(mechanism.coordinates, 1)
         base = self._base(z, dz, still)
-        found = self._branches("equations", z, dz, still, multipliers, base)
+        by_branch = self._branches("equations", z, dz, still, multipliers, base)
         constraints = self._branches("constraints", z, dz, ddz, multipliers, base)
-        mass = ca.diagcat(*(f[0] for f in found))
-        forces = ca.vertcat(ca.MX(0, 1), *(-f[4] for f in found))
+        mass = ca.diagcat(*(f[0] for f in by_branch))
+        forces = ca.vertcat(ca.MX(0, 1), *(-f[4] for f in by_branch))
         jacobian = ca.diagcat(*(c[3] for c in constraints))
         if k:
             rates = self._base_rates(z[:6])
             map_ = ca.solve(rates, ca.MX.eye(6))  # spatial velocity by rates of the coordinates
-            by_base = ca.vertcat(*(f[1] for f in found))
-            of_base = ca.horzcat(*(f[2] for f in found))
-            both = sum((f[3] for f in found), base[5])
-            mass = ca.blockcat([[map_.T @ both @ map_, map_.T @ of_base], [by_base @ map_, mass]])
-            total = base[4] * 4 / self.h**2 + sum((f[5] for f in found), ca.MX(6, 1))
+            by_base = ca.vertcat(*(f[1] for f in by_branch))
+            of_base = ca.horzcat(*(f[2] for f in by_branch))
+            at_base = sum((f[3] for f in by_branch), base[5])
+            mass = ca.blockcat([[map_.T @ at_base @ map_, map_.T @ of_base], [by_base @ map_, mass]])
+            total = base[4] * 4 / self.h**2 + sum((f[5] for f in by_branch), ca.MX(6, 1))
             forces = ca.vertcat(-map_.T @ total, forces)
             jacobian = ca.horzcat(ca.MX(mechanism.constraints, 6), jacobian)
         parts = [ca.vertcat(ca.MX(0, 1), *(c[i] for c in constraints)) for i in range(3)]

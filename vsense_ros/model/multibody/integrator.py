@@ -29,8 +29,8 @@ class State:
 
     def take(self, other: State) -> None:
         """Takes the values of another state, in place."""
-        for own, value in ((self.z, other.z), (self.dz, other.dz), (self.ddz, other.ddz)):
-            np.copyto(own, value)
+        for present, value in ((self.z, other.z), (self.dz, other.dz), (self.ddz, other.ddz)):
+            np.copyto(present, value)
         np.copyto(self.multipliers, other.multipliers)
 
     def copy(self) -> State:

@@ -183,19 +183,19 @@ class Linkage:
     inputs: ca.SX = field(default_factory=_nothing)
 
     def __post_init__(self) -> None:
-        known = {BASE}
+        names = {BASE}
         for body in self.bodies:
-            if body.parent not in known:
+            if body.parent not in names:
                 raise InputError(
                     f"linkage {self.name!r}: body {body.name!r} hangs from {body.parent!r}, which is no body before "
-                    f"it; known there: {', '.join(sorted(known))}"
+                    f"it; known there: {', '.join(sorted(names))}"
                 )
-            if body.name in known:
+            if body.name in names:
                 raise InputError(f"linkage {self.name!r}: there are two bodies named {body.name!r}")
-            known.add(body.name)
+            names.add(body.name)
         for name in self._mentioned():
-            if name not in known:
-                raise InputError(f"linkage {self.name!r} mentions body {name!r}; it has {', '.join(sorted(known))}")
+            if name not in names:
+                raise InputError(f"linkage {self.name!r} mentions body {name!r}; it has {', '.join(sorted(names))}")
 
     def _mentioned(self) -> list[str]:
         names = [load.body for load in self.loads]

@@ -62,22 +62,24 @@ class _BranchOfParts:
 
 def _in_parts(linkage: Linkage) -> _BranchOfParts:
     """As `_branch`, with the results of `turned` for its bodies as one more argument (9×k); and what `turned` needs."""
-    given = ca.SX.sym("given", TURNED, len(linkage.bodies))
+    turned_inertias = ca.SX.sym("given", TURNED, len(linkage.bodies))
     bodies = []
 
     def inertias(motion: Motion) -> dict[str, ca.SX]:
-        found = {}
+        inertia_by_body = {}
         for i, body in enumerate(linkage.bodies):
             frame, mass, j = motion.frames[body.name], ca.SX(body.mass), body.inertia
-            xx, xy, xz, yy, yz, zz = ca.vertsplit(given[:6, i])
+            xx, xy, xz, yy, yz, zz = ca.vertsplit(turned_inertias[:6, i])
             matrix = ca.vertcat(ca.horzcat(xx, xy, xz), ca.horzcat(xy, yy, yz), ca.horzcat(xz, yz, zz))
-            found[body.name] = spatial.rigid_inertia(mass, frame.origin + given[6:, i] / mass, matrix)
-            own = [j[0, 0], j[1, 1], j[2, 2], j[0, 1], j[0, 2], j[1, 2]]
-            bodies.append(ca.vertcat(ca.vec(frame.rotation.T), *own, column(body.centre), mass))
-        return found
+            inertia_by_body[body.name] = spatial.rigid_inertia(
+                mass, frame.origin + turned_inertias[6:, i] / mass, matrix
+            )
+            moments = [j[0, 0], j[1, 1], j[2, 2], j[0, 1], j[0, 2], j[1, 2]]
+            bodies.append(ca.vertcat(ca.vec(frame.rotation.T), *moments, column(body.centre), mass))
+        return inertia_by_body
 
     step = StepOfLinkage(linkage, inertias)
-    arguments, names = [*step.arguments, given], [*step.NAMES, "given"]
+    arguments, names = [*step.arguments, turned_inertias], [*step.NAMES, "given"]
     return _BranchOfParts(
         codegen.function(f"evaluate_parts_{linkage.name}", arguments, step.evaluated, names),
         codegen.function(f"tangent_parts_{linkage.name}", arguments, step.tangent, names),
@@ -102,8 +104,8 @@ class _Equations(Equations):
 
     def _called(self, i: int, name: str, arguments: Sequence[ca.MX]) -> ca.MX | tuple[ca.MX, ...]:
         takes = self._parts and name in ("evaluate", "tangent")
-        given = [self.given[:, self._ends[i] : self._ends[i + 1]]] if takes else []
-        return super()._called(i, name, [*arguments, *given])
+        of_branch = [self.given[:, self._ends[i] : self._ends[i + 1]]] if takes else []
+        return super()._called(i, name, [*arguments, *of_branch])
 
     def functions(self) -> list[ca.Function]:
         """(…, h, given) → matrix of the system, and Φ_z; the same → what is missing, Φ, rates of the base's coordinates
@@ -111,23 +113,23 @@ class _Equations(Equations):
         z, dz, ddz, multipliers = self.symbols[:4]
         base = self._base(z, dz, ddz)
         tangents = self._branches("tangent", z, dz, ddz, multipliers, base)
-        found = self._branches("evaluate", z, dz, ddz, multipliers, base)
-        both = sum((f[3] for f in tangents), base[5])
+        by_branch = self._branches("evaluate", z, dz, ddz, multipliers, base)
+        at_base = sum((f[3] for f in tangents), base[5])
         of_base, by_base = ca.horzcat(*(f[2] for f in tangents)), ca.vertcat(*(f[1] for f in tangents))
-        matrix = ca.blockcat([[both, of_base], [by_base, ca.diagcat(*(f[0] for f in tangents))]])
+        matrix = ca.blockcat([[at_base, of_base], [by_base, ca.diagcat(*(f[0] for f in tangents))]])
         jacobian = ca.diagcat(*(f[4] for f in tangents))
-        missing = ca.vertcat(sum((f[1] for f in found), base[4]), *(f[0] for f in found))
-        gaps, rates = ca.vertcat(*(f[2] for f in found)), self._base_rates(z[: self.mechanism.base_size])
+        missing = ca.vertcat(sum((f[1] for f in by_branch), base[4]), *(f[0] for f in by_branch))
+        gaps, rates = ca.vertcat(*(f[2] for f in by_branch)), self._base_rates(z[: self.mechanism.base_size])
         arguments = [*self.symbols, self.h, self.given]
-        made = [
+        functions = [
             codegen.function(name, arguments, results, [f"a{i}" for i in range(len(arguments))])
             for name, results in (("system", [matrix, jacobian]), ("missing", [missing, gaps, rates]))
         ]
         if self._parts:
-            bodies = [found[0] for found in self._branches("bodies", z, dz, ddz, multipliers, base)]
+            bodies = [branch[0] for branch in self._branches("bodies", z, dz, ddz, multipliers, base)]
             names = [f"a{i}" for i in range(len(arguments) - 1)]
-            made.append(codegen.function("bodies", arguments[:-1], [ca.horzcat(*bodies)], names))
-        return made
+            functions.append(codegen.function("bodies", arguments[:-1], [ca.horzcat(*bodies)], names))
+        return functions
 
 
 class OutsideIntegrator(Integrator):
@@ -183,13 +185,13 @@ class OutsideIntegrator(Integrator):
         for _ in range(STEP.corrections * MOST_CALLS):
             self._missing.call()
             missing, gaps, rates = self._missing.results
-            found = self._outside.solve(matrix, -missing[:, 0])
+            solution = self._outside.solve(matrix, -missing[:, 0])
             self.calls += 1
-            change = np.concatenate([rates @ found[:base], found[base:]])
+            change = np.concatenate([rates @ solution[:base], solution[base:]])
             state.z += change
             state.dz += 2 / h * change
             state.ddz += 4 / h**2 * change
-            state.multipliers += STEP.penalty_mass * 4 / h**2 * (gaps[:, 0] + jacobian @ found[base:])
+            state.multipliers += STEP.penalty_mass * 4 / h**2 * (gaps[:, 0] + jacobian @ solution[base:])
             size = float(np.linalg.norm(change))
             if size < self.tolerance:
                 return

@@ -161,7 +161,7 @@ class Motion:
     def _constraints(self) -> tuple[list[Value], list[_Held]]:
         """The scalar constraints, and the closures whose multipliers are forces at points."""
         values: list[Value] = []
-        held: list[_Held] = []
+        point_closures: list[_Held] = []
         for closure in self.linkage.closures:
             start = len(values)
             if isinstance(closure, Coincide):
@@ -204,8 +204,8 @@ class Motion:
                     )
                 )
             if not isinstance(closure, Perpendicular):
-                held.append(_Held(closure, slice(start, len(values)), a, b))
-        return values, held
+                point_closures.append(_Held(closure, slice(start, len(values)), a, b))
+        return values, point_closures
 
     @cached_property
     def constraint(self) -> ca.SX:
@@ -230,16 +230,16 @@ class Motion:
     def constraint_curvature(self, multipliers: ca.SX) -> ca.SX:
         """Derivative of Φ_zᵀ · multipliers by the coordinates (n×n); that of right angles is left out."""
         result = ca.SX(self.size, self.size)
-        for held in self._constraints[1]:
-            force = multipliers[held.rows]
-            if isinstance(held.closure, Distance):
-                tension = force[0] / ca.SX(held.closure.length)
-                gap_jacobian = held.a.jacobian - held.b.jacobian
+        for closure_rows in self._constraints[1]:
+            force = multipliers[closure_rows.rows]
+            if isinstance(closure_rows.closure, Distance):
+                tension = force[0] / ca.SX(closure_rows.closure.length)
+                gap_jacobian = closure_rows.a.jacobian - closure_rows.b.jacobian
                 result += tension * (gap_jacobian.T @ gap_jacobian)
-                force = tension * (held.a.position - held.b.position)
-            elif held.closure.directions is not None:
-                force = ca.horzcat(*(unit(d) for d in held.closure.directions)) @ force
-            result += self._curvature(held.a, force) - self._curvature(held.b, force)
+                force = tension * (closure_rows.a.position - closure_rows.b.position)
+            elif closure_rows.closure.directions is not None:
+                force = ca.horzcat(*(unit(d) for d in closure_rows.closure.directions)) @ force
+            result += self._curvature(closure_rows.a, force) - self._curvature(closure_rows.b, force)
         return result
 
     def measure(self, measure: Measure) -> Value:
@@ -360,12 +360,12 @@ class Forces:
             matrices[name] = matrices[name] - rate_weight * by_velocity - place_weight * by_place
         size = motion.size
         result, by_base, of_base = ca.SX(size, size), ca.SX(size, 6), ca.SX(6, size)
-        both = ca.SX(6, 6)
+        at_base = ca.SX(6, 6)
         for body in reversed(motion.linkage.bodies):
             matrix = matrices[body.name]
             chain = motion.frames[body.name].chain
-            own = motion.own[body.name]
-            for k in reversed(own):
+            own_columns = motion.own[body.name]
+            for k in reversed(own_columns):
                 right = matrix @ motion.columns[k]
                 left = motion.columns[k].T @ matrix
                 of_base[:, k] = right
@@ -376,14 +376,14 @@ class Forces:
                         result[k, j] = left @ motion.columns[j]
                 result[k, k] = motion.columns[k].T @ right
             if body.parent == BASE:
-                both = both + matrix
+                at_base = at_base + matrix
             else:
                 matrices[body.parent] = matrices[body.parent] + matrix
         for spring in motion.linkage.springs:
             gradient = motion.measure(spring.measure).gradient
             weight = rate_weight * spring.damping + place_weight * spring.stiffness
             result += weight * (gradient.T @ gradient)
-        return result, by_base, of_base, both
+        return result, by_base, of_base, at_base
 
     @cached_property
     def mass_matrix(self) -> ca.SX:

@@ -94,8 +94,8 @@ class Tree:
                 articulated[self.bodies[i].parent] = articulated[self.bodies[i].parent] + inertia
                 bias[self.bodies[i].parent] = bias[self.bodies[i].parent] + force
 
-        held = self.root_inertia is None
-        root_acceleration = ca.SX(6, 1) if held else solve_spd(root_articulated, -root_bias)
+        root_is_held = self.root_inertia is None
+        root_acceleration = ca.SX(6, 1) if root_is_held else solve_spd(root_articulated, -root_bias)
         acceleration: list[ca.SX] = []
         joint: list[ca.SX] = []
         for i, body in enumerate(self.bodies):
@@ -118,14 +118,14 @@ class Tree:
         Newton-Euler; arguments and conventions as in `forward_dynamics`."""
         velocity = self.velocities(root_velocity, rates)
         acceleration: list[ca.SX] = []
-        needed: list[ca.SX] = []
+        required: list[ca.SX] = []
         for i, body in enumerate(self.bodies):
             parent = root_acceleration if body.parent < 0 else acceleration[body.parent]
             coriolis = (cross_motion(velocity[i], body.axis) + body.axis_rate) * rates[i]
             carried = motion_transform(body.rotation, body.position) @ parent
             acceleration.append(carried + coriolis + body.axis * joint_acceleration[i])
             gyroscopic = cross_force(velocity[i], body.inertia @ velocity[i])
-            needed.append(body.inertia @ acceleration[i] + gyroscopic - forces[i])
+            required.append(body.inertia @ acceleration[i] + gyroscopic - forces[i])
         root = -root_force
         if self.root_inertia is not None:
             root = root + self.root_inertia @ root_acceleration
@@ -133,19 +133,19 @@ class Tree:
         joint: list[ca.SX] = [ca.SX()] * len(self.bodies)
         for i in reversed(range(len(self.bodies))):
             body = self.bodies[i]
-            joint[i] = body.axis.T @ needed[i]
-            carried = motion_transform(body.rotation, body.position).T @ needed[i]
+            joint[i] = body.axis.T @ required[i]
+            carried = motion_transform(body.rotation, body.position).T @ required[i]
             if body.parent < 0:
                 root = root + carried
             else:
-                needed[body.parent] = needed[body.parent] + carried
+                required[body.parent] = required[body.parent] + carried
         return root, ca.vertcat(*joint)
 
     def inertia_times(self, root_acceleration: ca.SX, joint_acceleration: ca.SX) -> ca.SX:
         """Mass matrix times accelerations, `[root 6; joints n]`: what they need at rest (no matrix is formed)."""
-        rest, count = ca.SX(6, 1), len(self.bodies)
+        zero, count = ca.SX(6, 1), len(self.bodies)
         return ca.vertcat(
-            *self.inverse_dynamics(rest, ca.SX(count, 1), root_acceleration, joint_acceleration, rest, [rest] * count)
+            *self.inverse_dynamics(zero, ca.SX(count, 1), root_acceleration, joint_acceleration, zero, [zero] * count)
         )
 
 

@@ -57,12 +57,12 @@ class Disturbances(Part):
 
     @model_validator(mode="before")
     @classmethod
-    def _without_what_it_had(cls, given: Any) -> Any:
+    def _without_what_it_had(cls, settings: Any) -> Any:
         """Accepts files from the time when slopes returned to their means by time instead of by distance: their keys
         for it are ignored."""
-        if not isinstance(given, dict):
-            return given
-        return {name: value for name, value in given.items() if name not in _FORMER}
+        if not isinstance(settings, dict):
+            return settings
+        return {name: value for name, value in settings.items() if name not in _FORMER}
 
 
 class UnseenErrors(Part):

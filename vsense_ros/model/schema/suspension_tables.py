@@ -107,8 +107,8 @@ class SuspensionTables(Part):
     def columns(self, axle: str, travel: float, steering: float) -> dict[str, NDArray[np.float64]]:
         """Value, first and second derivative by the travel (3,) of each column of an axle's table, for its left wheel
         at `travel` [m] and a mean angle of the front wheels [rad]; beyond the table as the class says."""
-        found = np.asarray(_function(self, axle)(travel, steering))
-        return dict(zip(AxleTable.model_fields, found, strict=True))
+        columns = np.asarray(_function(self, axle)(travel, steering))
+        return dict(zip(AxleTable.model_fields, columns, strict=True))
 
 
 def coefficients(tables: SuspensionTables, axle: str) -> Coefficients:
@@ -119,16 +119,16 @@ def coefficients(tables: SuspensionTables, axle: str) -> Coefficients:
 def coefficients_in_one_form(tables: SuspensionTables, symbol: Callable[[float], ca.SX]) -> dict[str, Coefficients]:
     """Those of both axles, "front" and "rear", as polynomials with the same terms: filled up with zeros, and with a
     `symbol` for each number where not both axles have a zero."""
-    found: dict[str, Coefficients] = {"front": {}, "rear": {}}
+    by_axle: dict[str, Coefficients] = {"front": {}, "rear": {}}
     filled = {name: _filled(getattr(tables.front, name), getattr(tables.rear, name)) for name in AxleTable.model_fields}
-    for axle, of_axle in enumerate(found.values()):
+    for axle, of_axle in enumerate(by_axle.values()):
         for name, pair in filled.items():
-            used = np.any(pair, axis=0)
+            non_zero = np.any(pair, axis=0)
             of_axle[name] = [
-                [symbol(pair[axle, i, j]) if used[i, j] else 0.0 for j in range(used.shape[1])]
-                for i in range(used.shape[0])
+                [symbol(pair[axle, i, j]) if non_zero[i, j] else 0.0 for j in range(non_zero.shape[1])]
+                for i in range(non_zero.shape[0])
             ]
-    return found
+    return by_axle
 
 
 def _filled(*polynomials: Polynomial) -> NDArray[np.float64]:
@@ -142,8 +142,8 @@ def _filled(*polynomials: Polynomial) -> NDArray[np.float64]:
 def _function(tables: SuspensionTables, axle: str) -> ca.Function:
     """(travel, steering) → rows of `SuspensionTables.columns`."""
     travel, steering = ca.SX.sym("travel"), ca.SX.sym("steering")
-    found = _evaluate(tables, coefficients(tables, axle), travel, steering)
-    return ca.Function(axle, [travel, steering], [ca.vertcat(*(ca.horzcat(*values) for values in found.values()))])
+    columns = _evaluate(tables, coefficients(tables, axle), travel, steering)
+    return ca.Function(axle, [travel, steering], [ca.vertcat(*(ca.horzcat(*values) for values in columns.values()))])
 
 
 @dataclass(frozen=True, eq=False)

@@ -41,10 +41,10 @@ from vsense_ros.model.sensors.wheel_torques import WheelTorques
 
 def _every() -> Iterator[type[SensorBase]]:
     """The kinds that the modules of this folder define."""
-    for module in (import_module(f"{__name__}.{found.name}") for found in iter_modules(__path__)):
+    for module in (import_module(f"{__name__}.{entry.name}") for entry in iter_modules(__path__)):
         for value in vars(module).values():
-            own = isinstance(value, type) and value.__module__ == module.__name__
-            if own and issubclass(value, SensorBase) and value.model_fields["kind"].default is not _NO_KIND:
+            defined_here = isinstance(value, type) and value.__module__ == module.__name__
+            if defined_here and issubclass(value, SensorBase) and value.model_fields["kind"].default is not _NO_KIND:
                 yield value
 
 
@@ -69,11 +69,11 @@ def compared_signals() -> dict[str, ComparedSignal]:
 
 def known_topics() -> dict[str, Topic]:
     """What the topics of a recording carry: those of the project, and those of kinds that were added."""
-    own = {}
+    topics = {}
     for kind in KINDS.values():
         topic, frame = (kind.model_fields[name].default for name in ("topic", "frame_id"))
-        own[topic] = Topic(kind.message, frame, names=kind.joints)
-    return {**own, **TOPICS}
+        topics[topic] = Topic(kind.message, frame, names=kind.joints)
+    return {**topics, **TOPICS}
 
 
 def unheard(topics: Iterable[str], sensors: Iterable[SensorBase], vehicle: str) -> list[str]:
@@ -92,19 +92,19 @@ def words_of(kind: str) -> str:
     return KINDS[kind].words or kind.replace("_", " ")
 
 
-def best_measuring(sensors: Iterable[tuple[str, SensorBase]], what: MeasuredQuantity) -> str | None:
+def best_measuring(sensors: Iterable[tuple[str, SensorBase]], quantity: MeasuredQuantity) -> str | None:
     """The name of the sensor that measures something best, among names and sensors: of the kind that comes first in
     lists of kinds, the last; None if there is none."""
     names: dict[tuple[int, str], str] = {}
     for name, sensor in sensors:
-        if what in sensor.measures:
+        if quantity in sensor.measures:
             names[sensor.place, sensor.kind] = name
     return names[min(names)] if names else None
 
 
-def place_of(sensors: Iterable[SensorBase], what: MeasuredQuantity) -> int:
+def place_of(sensors: Iterable[SensorBase], quantity: MeasuredQuantity) -> int:
     """The place of the first sensor that measures something, -1 for none."""
-    return next((i for i, sensor in enumerate(sensors) if what in sensor.measures), -1)
+    return next((i for i, sensor in enumerate(sensors) if quantity in sensor.measures), -1)
 
 
 __all__ = [

@@ -384,14 +384,14 @@ def _diagonal(flat: bytes, size: int) -> Vector | None:
     return diagonal if diagonal.min() > 0 else None
 
 
-def by_name(names: Names, wanted: Names, values: Vector | None, out: Vector) -> None:
+def by_name(names: Names, joints: Names, values: Vector | None, out: Vector) -> None:
     """Pick the elements of a JointState's field by joint name; NaN where a joint is missing."""
-    if values is not None and names == wanted and len(values) == len(names):
+    if values is not None and names == joints and len(values) == len(names):
         out[:] = values
         return
     out[:] = np.nan
     if values is None or len(values) != len(names):
         return
-    for i, name in enumerate(wanted):
+    for i, name in enumerate(joints):
         if name in names:
             out[i] = values[names.index(name)]

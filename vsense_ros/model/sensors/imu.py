@@ -195,9 +195,9 @@ class Imu(SensorBase):
         component of which it is the largest part is absent as well; to the others it adds nothing."""
         turn = self._to_axes_of_car()
         absent = np.isnan(vectors)
-        found = np.where(absent, 0.0, vectors) @ turn.T
-        found[absent[:, np.argmax(np.abs(turn), axis=1)]] = np.nan
-        return np.asarray(found)
+        turned = np.where(absent, 0.0, vectors) @ turn.T
+        turned[absent[:, np.argmax(np.abs(turn), axis=1)]] = np.nan
+        return np.asarray(turned)
 
 
 _COVARIANCES = (
@@ -219,5 +219,5 @@ def equation(motion: Motion, biases: ca.SX, mounting: ca.SX) -> ca.SX:
     acceleration = motion.acceleration + ca.cross(turning, arm) + ca.cross(rates, ca.cross(rates, arm))
     leaning = spatial.rotation_x(roll_gain * motion.roll).T
     force = to_sensor @ leaning @ (acceleration - motion.gravity)
-    read = (1 + scale) * (to_sensor @ rates) + by_force @ force
-    return ca.vertcat(read, (1 + force_scale + square * force + odd_square * ca.fabs(force)) * force) + biases
+    gyro_reading = (1 + scale) * (to_sensor @ rates) + by_force @ force
+    return ca.vertcat(gyro_reading, (1 + force_scale + square * force + odd_square * ca.fabs(force)) * force) + biases

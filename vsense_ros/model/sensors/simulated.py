@@ -53,11 +53,11 @@ class SimulatedDrive:
     def digitized(self, value: Array) -> Array:
         """Values (n, m) as its messages have them: within its range, in steps. Raises `InputError` where the numbers of
         a bus are neither one nor m."""
-        for what, given in (("resolution", self.quantum), ("range", self.limit)):
-            if given.size not in (1, value.shape[1]):
+        for setting, numbers in (("resolution", self.quantum), ("range", self.limit)):
+            if numbers.size not in (1, value.shape[1]):
                 raise InputError(
-                    f"a transmission has a {what} of {given.size} numbers for messages of {value.shape[1]} values; "
-                    "expected one for all of them, or one for each"
+                    f"a transmission has a {setting} of {numbers.size} numbers for messages of {value.shape[1]} "
+                    "values; expected one for all of them, or one for each"
                 )
         return quantized(np.clip(value, -self.limit, self.limit), self.quantum)
 

@@ -80,11 +80,11 @@ class WheelSpeeds(JointSensor):
 
     def of_surroundings(self, around: Disturbances) -> WheelSpeeds:
         error, drift = self.radius_error, self.radius_error_drift
-        taken = {
+        errors = {
             "radius_error": SPREAD * around.radius_error if error is None else error,
             "radius_error_drift": SPREAD * around.radius_error_drift if drift is None else drift,
         }
-        return self.model_copy(update=taken)
+        return self.model_copy(update=errors)
 
     def biases(self) -> tuple[Bias, ...]:
         if not self.radius_error:
@@ -109,10 +109,10 @@ class WheelSpeeds(JointSensor):
 
     def speeds(self, value: Vector, radii: Vector) -> Vector:
         """The median of the wheels that are there."""
-        rolling, found = value * radii, np.full(len(value), np.nan)
+        rolling, speeds = value * radii, np.full(len(value), np.nan)
         present = np.isfinite(rolling).any(axis=1)
-        found[present] = np.nanmedian(rolling[present], axis=1)
-        return found
+        speeds[present] = np.nanmedian(rolling[present], axis=1)
+        return speeds
 
     def mean_speed(self, value: Vector, radius: float) -> Vector:
         return _mean_speed(value, radius)

@@ -134,8 +134,8 @@ def simulate(
     now_u = np.array(start_u if u is None else u, dtype=float)
     inputs = np.zeros(len(INPUTS))
     extra = np.zeros(COORDINATES) if force is None else np.array(force, dtype=float)
-    given = np.zeros(len(DISTURBANCES)) if disturbances is None else np.array(disturbances, dtype=float)
-    around = given.copy()
+    constant = np.zeros(len(DISTURBANCES)) if disturbances is None else np.array(disturbances, dtype=float)
+    around = constant.copy()
     road = vehicle.physics.effects.present()
     car = car_of(vehicle)
     functions = model_functions(car)
@@ -153,16 +153,19 @@ def simulate(
     unit = np.eye(COORDINATES)
 
     steps = round(duration / step)
-    kept = range(0, steps + 1, keep_every)
+    recorded_steps = range(0, steps + 1, keep_every)
     result = replace(
-        Trajectory.unfilled(np.array([i * step for i in kept])), disturbances=np.empty((len(kept), len(DISTURBANCES)))
+        Trajectory.unfilled(np.array([i * step for i in recorded_steps])),
+        disturbances=np.empty((len(recorded_steps), len(DISTURBANCES))),
     )
     row, set_out = 0, float(now_q[YAW])
     for i in range(steps + 1):
         if surface is not None:
             around[ROAD] = surface.under(now_q[X], now_q[Y], now_q[YAW])
         elif road:
-            around[_SLOPES] = given[_SLOPES] + np.sum([effect.slope(now_q[YAW] - set_out) for effect in road], axis=0)
+            around[_SLOPES] = constant[_SLOPES] + np.sum(
+                [effect.slope(now_q[YAW] - set_out) for effect in road], axis=0
+            )
         between[:] = inputs
         inputs[:] = driver((i + 0.5) * step, now_q.copy(), now_u.copy())
         between[:] = (between + inputs) / 2 if i else inputs

@@ -74,11 +74,11 @@ class Differences:
 
     def known(self, runs: Sequence[Run], motions: Sequence[StateHistory]) -> list[Known]:
         """Runs with their motions, and the Jacobians along these, several side by side."""
-        found: list[Known] = []
+        linearized: list[Known] = []
         for begin in range(0, len(runs), self._loop.lanes):
             together = slice(begin, begin + self._loop.lanes)
-            found += self._known(runs[together], motions[together])
-        return found
+            linearized += self._known(runs[together], motions[together])
+        return linearized
 
     def _known(self, runs: Sequence[Run], motions: Sequence[StateHistory]) -> list[Known]:
         lanes, rows = self._loop.lanes, max(len(motion.t) for motion in motions)
@@ -95,7 +95,7 @@ class Differences:
         h = runs[0].inputs.step * self._loop.keep
         arguments = _Along(rows, RENEW, h, *map(pointer, columns), len(places), integers(places), pointer(jacobians))
         self._library.jacobians_along(ctypes.byref(arguments))
-        return [Known(run, motion, own) for run, motion, own in zip(runs, motions, jacobians, strict=False)]
+        return [Known(run, motion, jacobian) for run, motion, jacobian in zip(runs, motions, jacobians, strict=False)]
 
     def _driven(self, run: Run, motion: StateHistory) -> Array:
         """Inputs (rows, 5) of a run where its states were kept, with what holds the speed of its wheels."""
@@ -110,10 +110,10 @@ class Differences:
 
     def motions(self, known: Known, runs: Sequence[Run]) -> list[StateHistory]:
         """Motions of runs near a known one, of the same steps; rows that a run does not reach are NaN."""
-        found: list[StateHistory] = []
+        moved: list[StateHistory] = []
         for begin in range(0, len(runs), self._loop.lanes):
-            found += self._motions(known, runs[begin : begin + self._loop.lanes])
-        return found
+            moved += self._motions(known, runs[begin : begin + self._loop.lanes])
+        return moved
 
     def _motions(self, known: Known, runs: Sequence[Run]) -> list[StateHistory]:
         lanes, keep, rows = self._loop.lanes, self._loop.keep, len(known.motion.t)
@@ -141,13 +141,13 @@ class Differences:
             ),
             in_lanes(lanes, *(run.parameters for run in runs)),
         ]
-        kept = [np.full((lanes, rows, COORDINATES), np.nan) for _ in range(3)]
+        results = [np.full((lanes, rows, COORDINATES), np.nan) for _ in range(3)]
         reached = np.zeros(lanes, dtype=np.int64)
         arguments = _Difference(
             rows, RENEW, known.run.inputs.step * keep, *map(pointer, (*of_known, *columns)), len(places),
-            integers(places), *map(pointer, kept), integers(reached),
+            integers(places), *map(pointer, results), integers(reached),
         )  # fmt: skip
         self._library.differences(ctypes.byref(arguments))
         unknown = np.full(len(known.motion.internal_state), np.nan)
-        q, u, udot = kept
+        q, u, udot = results
         return [StateHistory(known.motion.t, q[i], u[i], udot[i], unknown) for i in range(len(runs))]

@@ -112,8 +112,8 @@ class FullCarPlant:
         corners = self.car.corner_parameters(self.integrator.parameters)
         for i, numbers in enumerate(corners):
             wheel = WheelPosition(self.car.corners[i // 2], numbers)
-            here = slice(mechanism.offsets[i], mechanism.offsets[i + 1])
-            state.z[here] = wheel.coordinates(q[TRAVEL][i], self._guides[0])
+            rows = slice(mechanism.offsets[i], mechanism.offsets[i + 1])
+            state.z[rows] = wheel.coordinates(q[TRAVEL][i], self._guides[0])
         if self.surface is not None:
             state.z[POSE] = q[POSE]
             self._stand(self.surface)
@@ -188,17 +188,17 @@ class FullCarPlant:
         foot = place[:2].copy()
         for _ in range(3):
             grade, bank, _, _, height = surface.under(foot[0], foot[1], heading)
-            found = _rotation(0.0, 0.0, heading) @ _axes(grade, bank)
-            over = (place[2] - height) / found[2, 2]
-            foot = place[:2] - found[:2, 2] * over
-            ahead = found.T @ body[:, 0]
+            road_axes = _rotation(0.0, 0.0, heading) @ _axes(grade, bank)
+            over = (place[2] - height) / road_axes[2, 2]
+            foot = place[:2] - road_axes[:2, 2] * over
+            ahead = road_axes.T @ body[:, 0]
             heading += float(np.arctan2(ahead[1], ahead[0]))
         around[ROAD] = surface.under(foot[0], foot[1], heading)
-        found = _rotation(0.0, 0.0, heading) @ _axes(around[GRADE], around[BANK])
-        over_road = found.T @ body
+        road_axes = _rotation(0.0, 0.0, heading) @ _axes(around[GRADE], around[BANK])
+        over_road = road_axes.T @ body
         self._foot = np.array([*foot, around[ROAD_HEIGHT]])
         self._origin, self._heading = np.array([*place[:2], 0.0]), heading
-        over = float((place - self._foot) @ found[:, 2])
+        over = float((place - self._foot) @ road_axes[:, 2])
         roll, pitch = np.arctan2(over_road[2, 1], over_road[2, 2]), -np.arcsin(over_road[2, 0])
         return np.array([*place[:2], over, roll, pitch, heading])
 
@@ -237,8 +237,8 @@ class FullCarPlant:
         """
         state = self.integrator.state
         parts = (state.z, state.dz, state.ddz, state.multipliers)
-        kept = np.split(memory, np.cumsum([part.size for part in parts[:-1]]))
-        for part, value in zip(parts, kept, strict=True):
+        values = np.split(memory, np.cumsum([part.size for part in parts[:-1]]))
+        for part, value in zip(parts, values, strict=True):
             part[:] = value
         self._hold(inputs)
         self._act(inputs)
@@ -270,8 +270,8 @@ class FullCarPlant:
         if self.surface is None:
             return np.column_stack(bent(self.disturbances, *self._stands.T))
         axes = _rotation(0.0, 0.0, self._heading) @ _axes(self.disturbances[GRADE], self.disturbances[BANK])
-        found = np.empty((len(WHEELS), 3))
-        for row, stand in zip(found, self._stands, strict=True):
+        under_wheels = np.empty((len(WHEELS), 3))
+        for row, stand in zip(under_wheels, self._stands, strict=True):
             place = self._foot + axes[:, :2] @ stand
             for _ in range(2):  # along the normal to the surface
                 height, gradient, _ = self.surface.shape(place[0], place[1])
@@ -281,7 +281,7 @@ class FullCarPlant:
             slopes = -normal[:2] / normal[2]
             below = float(axes[:, 2] @ (place - self._foot))
             row[:] = slopes @ stand - below, *slopes
-        return found
+        return under_wheels
 
 
 def simulate_full_car(
@@ -318,9 +318,10 @@ def simulate_full_car(
     inputs = np.array(driver(0.0, start_q.copy(), start_u.copy()), dtype=float)
     plant.place(start_q, start_u, inputs)
     steps = round(duration / step)
-    kept = range(0, steps + 1, keep_every)
+    recorded_steps = range(0, steps + 1, keep_every)
     result = replace(
-        Trajectory.unfilled(np.array([i * step for i in kept])), disturbances=np.empty((len(kept), len(DISTURBANCES)))
+        Trajectory.unfilled(np.array([i * step for i in recorded_steps])),
+        disturbances=np.empty((len(recorded_steps), len(DISTURBANCES))),
     )
     row = 0
     for i in range(steps + 1):

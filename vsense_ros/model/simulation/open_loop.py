@@ -123,20 +123,20 @@ class OpenLoop:
         """Motions of several runs, one for each; all of them have steps of the same length, else `ValueError`."""
         if len({run.inputs.step for run in runs}) > 1:
             raise ValueError("runs side by side need steps of the same length")
-        found = [self._motion(run) for run in runs]
+        motions = [self._motion(run) for run in runs]
         if self._compiled is None:
-            for run, motion in zip(runs, found, strict=True):
+            for run, motion in zip(runs, motions, strict=True):
                 self._run_plain(run, motion)
-            return found
+            return motions
         # Those that take about as long go together.
         order = sorted(range(len(runs)), key=lambda i: len(runs[i].inputs))
         count = self._compiled.lanes
         for begin in range(0, len(order), count):
             together = order[begin : begin + count]
             self._compiled.run(
-                [runs[i] for i in together], [found[i] for i in together], self.keep, self.renew, self.place
+                [runs[i] for i in together], [motions[i] for i in together], self.keep, self.renew, self.place
             )
-        return found
+        return motions
 
     def _motion(self, run: Run) -> StateHistory:
         rows = (len(run.inputs) + self.keep - 1) // self.keep
@@ -145,8 +145,8 @@ class OpenLoop:
         return StateHistory(np.arange(rows, dtype=float) * self.keep * run.inputs.step, q, u, udot, internal_state)
 
     def _run_plain(self, run: Run, motion: StateHistory) -> None:
-        inputs, kept = run.inputs, (motion.q, motion.u, motion.udot)
-        now_q, now_u, parameters = (np.array(known, dtype=float) for known in (run.q, run.u, run.parameters))
+        inputs, recorded = run.inputs, (motion.q, motion.u, motion.udot)
+        now_q, now_u, parameters = (np.array(begin, dtype=float) for begin in (run.q, run.u, run.parameters))
         internal_state = beginning(run, len(motion.internal_state))
         size = COORDINATES
         functions = _functions(self.car)
@@ -174,7 +174,7 @@ class OpenLoop:
                 internal_state[:] = move_on.results[0][:, 0]
             if i % self.keep == 0:
                 accelerations.call()
-                for column, value in zip(kept, (now_q, now_u, accelerations.results[0].ravel()), strict=True):
+                for column, value in zip(recorded, (now_q, now_u, accelerations.results[0].ravel()), strict=True):
                     column[i // self.keep] = value
             if i % self.renew == 0:
                 linearize.call()
@@ -238,15 +238,15 @@ class _Compiled:
         size = len(motions[0].internal_state)
         internal_state = in_lanes(self.lanes, *(beginning(run, size) for run in runs))
         remembered = np.full((self.lanes, size), np.nan)
-        kept = [np.zeros((self.lanes, rows, COORDINATES)) for _ in range(3)]
+        recorded = [np.zeros((self.lanes, rows, COORDINATES)) for _ in range(3)]
         reached = np.zeros(self.lanes, dtype=np.int64)
         arguments = _Run(
             keep, renew, h, integers(steps), *map(pointer, columns), len(places), integers(places),
-            *map(pointer, (internal_state, remembered, *kept)), rows, integers(reached),
+            *map(pointer, (internal_state, remembered, *recorded)), rows, integers(reached),
         )  # fmt: skip
         self.library.open_loop(ctypes.byref(arguments))
         for lane, motion in enumerate(motions):
-            for state, column in zip((motion.q, motion.u, motion.udot), kept, strict=True):
+            for state, column in zip((motion.q, motion.u, motion.udot), recorded, strict=True):
                 state[: reached[lane]] = column[lane, : reached[lane]]
             motion.internal_state[:] = remembered[lane]
 
@@ -258,11 +258,11 @@ def beginning(run: Run, size: int) -> Array:
 
 def varying_of(run: Run, names: Sequence[str], places: NDArray[np.int64]) -> Array:
     """(n, names) of the parameters that vary in any of the runs."""
-    found = np.tile(run.parameters[places], (len(run.inputs), 1))
+    varying = np.tile(run.parameters[places], (len(run.inputs), 1))
     for column, name in enumerate(names):
         if name in run.inputs.varying:
-            found[:, column] = run.inputs.varying[name]
-    return found
+            varying[:, column] = run.inputs.varying[name]
+    return varying
 
 
 @cache
@@ -271,15 +271,15 @@ def _functions(car: Car) -> dict[str, ca.Function]:
     every = linearize_function(car).expand()
     state = [ca.SX.sym(every.name_in(i), *every.size_in(i)) for i in range(every.n_in())]
     udot, by_q, by_u, _, by_q_rates = every(*state)
-    made = [
+    functions = [
         ca.Function("linearize", state, [udot, by_q, by_u, by_q_rates]),
         accelerations_function(car).expand(),
         advance_function(car).expand(),
         ca.Function("rates", [car.q, car.u, car.disturbances], [ca.densify(car.kinematics)], {"cse": True}),
     ]
     if car.internal_state.numel():
-        made.append(internal_state_function(car).expand())
-    return {function.name(): function for function in made}
+        functions.append(internal_state_function(car).expand())
+    return {function.name(): function for function in functions}
 
 
 @cache
@@ -297,13 +297,13 @@ def _compiled(car: Car) -> _Compiled | None:
         defined += "\n#define INTERNAL_STATE_WORK 0\n#define internal_state(in, out, work)"
     folder = resources.files("vsense_ros.model.simulation")
     loops = (folder.joinpath(name).read_text(encoding="utf-8") for name in ("open_loop.c", "differences.c"))
-    own = "\n".join((defined, *loops))
+    code = "\n".join((defined, *loops))
     every = list(functions.values())
     built = codegen.library(
         "open_loop",
-        lambda: f"{simd.source(every)}\n{own}",
+        lambda: f"{simd.source(every)}\n{code}",
         codegen.vector_math(),
-        identity=f"{codegen.identity_of(every)}\n{own}",
+        identity=f"{codegen.identity_of(every)}\n{code}",
     )
     if built is None:
         return None

@@ -27,10 +27,10 @@ from vsense_ros.model.tyres.tmeasy import TMeasy
 
 def _every() -> Iterator[type[Tyre]]:
     """The tyres that the modules of this folder define, in the order of the files' names."""
-    for module in (import_module(f"{__name__}.{found.name}") for found in iter_modules(__path__)):
+    for module in (import_module(f"{__name__}.{entry.name}") for entry in iter_modules(__path__)):
         for value in vars(module).values():
-            own = isinstance(value, type) and value.__module__ == module.__name__
-            if own and issubclass(value, Tyre) and not isabstract(value):
+            defined_here = isinstance(value, type) and value.__module__ == module.__name__
+            if defined_here and issubclass(value, Tyre) and not isabstract(value):
                 yield value
 
 

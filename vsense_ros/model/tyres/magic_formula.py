@@ -302,8 +302,8 @@ class MagicFormula(Tyre):
         slope = (c.rby1 + c.rby4 * lean**2) / ca.sqrt(1 + (c.rby2 * (across - c.rby3)) ** 2) * self.scaling.lyka
         weight = _weight(slope, c.rcy1, c.rey1 + c.rey2 * at.dfz, along, c.rhy1 + c.rhy2 * at.dfz)
         largest = pure.friction * at.load * (c.rvy1 + c.rvy2 * at.dfz + c.rvy3 * lean)
-        made = largest / ca.sqrt(1 + (c.rvy4 * across) ** 2) * ca.sin(c.rvy5 * ca.atan(c.rvy6 * along))
-        return weight, roll.shifted * self.scaling.lvyka * made
+        ply_steer_force = largest / ca.sqrt(1 + (c.rvy4 * across) ** 2) * ca.sin(c.rvy5 * ca.atan(c.rvy6 * along))
+        return weight, roll.shifted * self.scaling.lvyka * ply_steer_force
 
     def _moment(
         self, at: _Conditions, roll: _Rolling, pure: _PureLateral, trailing: Scalar, force_x: Scalar, force_y: Scalar
