@@ -249,7 +249,7 @@ def test_a_heading_that_the_filter_does_not_know_is_not_scored():
     )
     found = score(estimate, truth)
     assert found.rmse == pytest.approx(0.01)
-    assert found.known == pytest.approx(0.6)
+    assert found.known_share == pytest.approx(0.6)
     assert found.nees == pytest.approx(0.25)
     assert score(replace(estimate, deviation=np.full(len(seconds), np.pi)), truth) is None
 

@@ -51,5 +51,5 @@ def survey_can(log: str | Path, databases: Sequence[str | Path] = ()) -> CanCont
 
     Raises `InputError` for a log or a database that cannot be read.
     """
-    found = survey(log, databases)
-    return CanContent(found, recognize(found))
+    frames = survey(log, databases)
+    return CanContent(frames, recognize(frames))

@@ -82,7 +82,7 @@ def prepare(source: Source, vehicle: str | Path | Vehicle, *, mend: bool = False
     if mend:
         corrections = mends(recording, topics, radius)
         recording = mended(recording, corrections)
-        notes += [f"Mended: {mend_in_words(one)}." for one in corrections]
+        notes += [f"Mended: {mend_in_words(correction)}." for correction in corrections]
     doubts += sentences(findings(recording, topics, radius))
     heading = [sensor.topic for sensor in sensors if sensor.on_map]
     if heading and not any(topic in recording for topic in heading):
@@ -154,11 +154,15 @@ def smooth_task(task: Task, progress: Progress | None = None) -> Smoothed:
     """Smooth a recording that has been prepared; errors are those of `smooth`."""
     from vsense_ros.runner.smoothing import run_offline
 
-    found = run_offline(task.recording, task.vehicle, progress=progress)
-    signals = read_signals(found.output, "vsense")
-    deviations = {name: float(np.median(one.deviation)) for name, one in signals.items() if one.deviation is not None}
-    scores = compare(at_reference(found.output, task.vehicle), task.recording)
-    return Smoothed(as_smoothed(task.recording, found.output), deviations, found.parameters, found.change, scores)
+    smoothed = run_offline(task.recording, task.vehicle, progress=progress)
+    signals = read_signals(smoothed.output, "vsense")
+    deviations = {
+        name: float(np.median(series.deviation)) for name, series in signals.items() if series.deviation is not None
+    }
+    scores = compare(at_reference(smoothed.output, task.vehicle), task.recording)
+    return Smoothed(
+        as_smoothed(task.recording, smoothed.output), deviations, smoothed.parameters, smoothed.change, scores
+    )
 
 
 def estimate_task(
@@ -172,16 +176,16 @@ def estimate_task(
 ) -> Result:
     """Estimate a recording that has been prepared; arguments and errors are those of `estimate`."""
     recording, car = judged_by(task.recording, against), task.vehicle
-    found = _run(recording, car, filter, smooth, lag, progress or (lambda share: None))
-    absent = [f"{line.message}." for line in found.diagnostics if line.name == "observability"]
+    estimation = _run(recording, car, filter, smooth, lag, progress or (lambda share: None))
+    absent = [f"{line.message}." for line in estimation.diagnostics if line.name == "observability"]
     if against == REFERENCE:  # which sits elsewhere than cog
-        place, compared = mounting_in_words(car), replace(found, output=at_reference(found.output, car))
+        place, compared = mounting_in_words(car), replace(estimation, output=at_reference(estimation.output, car))
     else:
-        place, compared = f"Compared with the topics {against}/….", found
+        place, compared = f"Compared with the topics {against}/….", estimation
     notes = tuple(sentence for sentence in (place, *absent) if sentence)
     title = f"{recording.name}, {car.name}"
     drive = Drive.of(recording.name, title, recording, compared, vehicle=car, way="without ROS", notes=notes)
-    return Result(drive, found.output, car, found.parameters, found.failure)
+    return Result(drive, estimation.output, car, estimation.parameters, estimation.failure)
 
 
 def check_filter(filter: str, *, smooth: bool = False, lag: float | None = None) -> None:

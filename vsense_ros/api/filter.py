@@ -221,10 +221,10 @@ def _covariances(name: str, message: str, lengths: list[int], sigma: ArrayLike |
     count = sum(lengths)
     variance = np.zeros(count)
     if sigma is not None:
-        given = np.atleast_1d(np.asarray(sigma, dtype=float)).ravel()
-        if len(given) not in (1, count) or not (given > 0).all():
-            raise InputError(f"correct: {name} takes one positive sigma or {count}, found {given.tolist()}")
-        variance = np.broadcast_to(given**2, count)
+        deviations = np.atleast_1d(np.asarray(sigma, dtype=float)).ravel()
+        if len(deviations) not in (1, count) or not (deviations > 0).all():
+            raise InputError(f"correct: {name} takes one positive sigma or {count}, found {deviations.tolist()}")
+        variance = np.broadcast_to(deviations**2, count)
     if message == "sensor_msgs/msg/Imu":
         return {
             "angular_velocity_covariance": np.diag(variance[:3]).ravel(),

@@ -69,10 +69,10 @@ def identify(
     return identification.identify(drives, car, model, free=free, held_out=proof, progress=progress)
 
 
-def write_identification(found: Identification | CarIdentification, folder: Path) -> None:
+def write_identification(result: Identification | CarIdentification, folder: Path) -> None:
     """Write vehicle.yaml, report.html and identification.json into a folder that exists."""
-    save_vehicle(folder / "vehicle.yaml", found.vehicle)
-    if isinstance(found, CarIdentification):
-        car_identification.write(found, folder)
+    save_vehicle(folder / "vehicle.yaml", result.vehicle)
+    if isinstance(result, CarIdentification):
+        car_identification.write(result, folder)
     else:
-        identification_report.write(found, folder)
+        identification_report.write(result, folder)

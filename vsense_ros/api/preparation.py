@@ -102,9 +102,9 @@ def calibrate(recordings: Sources, vehicle: str | Path | Vehicle) -> Calibration
     return calibration.calibrate_and_judge(drives, load_vehicle(vehicle))
 
 
-def write_calibration(found: Calibration, target: str | Path, source: str | Path | None = None) -> None:
+def write_calibration(result: Calibration, target: str | Path, source: str | Path | None = None) -> None:
     """Write the calibrated vehicle; with the file that it was made from, `source`, all else stays as written there."""
     if source is None:
-        save_vehicle(target, found.vehicle)
+        save_vehicle(target, result.vehicle)
     else:
-        save_changes(source, target, found.vehicle, found.paths)
+        save_changes(source, target, result.vehicle, result.paths)

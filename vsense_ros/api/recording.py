@@ -44,27 +44,27 @@ def read(source: Source, **options: Any) -> Recording:
     recording = import_recording(part.path, **options)
     if not part.limits:
         return recording
-    found = recording.between(part.begin, part.end)
-    if not found.channels:
+    selected = recording.between(part.begin, part.end)
+    if not selected.channels:
         raise InputError(
             f"{recording.name}{part.limits}: nothing was recorded then; {part.path.name} lasts from 0 to "
             f"{recording.duration:.1f} s"
         )
-    return replace(found, name=recording.name + part.limits)
+    return replace(selected, name=recording.name + part.limits)
 
 
 def read_each(sources: Sequence[Source]) -> Iterator[Recording]:
     """Read recordings one after the other, each when it is asked for; names begin with the folder where those of files
     are the same without it. Raises `InputError` as `read` does."""
-    stretches = [one for one in map(_stretch, sources) if isinstance(one, Stretch)]
+    stretches = [stretch for stretch in map(_stretch, sources) if isinstance(stretch, Stretch)]
     names = distinct_names(stretches)
-    return (_named(_stretch(one), names) for one in sources)
+    return (_named(_stretch(source), names) for source in sources)
 
 
 def read_all(*lists: Sources) -> list[list[Recording]]:
     """Read several lists of recordings, or single ones, whose names are distinct among all of them; see `read_each`."""
-    several = [[one] if isinstance(one, str | Path | Stretch | Recording) else one for one in lists]
-    recordings = read_each([one for every in several for one in every])
+    several = [[source] if isinstance(source, str | Path | Stretch | Recording) else source for source in lists]
+    recordings = read_each([source for every in several for source in every])
     return [[next(recordings) for _ in every] for every in several]
 
 

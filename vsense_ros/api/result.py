@@ -65,16 +65,16 @@ class EstimatedSignal:
     def columns(self) -> list[Column]:
         """The signal, its σ, its reference and its error as columns of a table."""
         parts = [("", self.value), ("_sigma", self.sigma), ("_reference", self.reference), ("_error", self.error)]
-        found = []
+        columns = []
         for suffix, array in parts:
             if array is None:
                 continue
             if array.ndim == 1:
-                found.append(Column(f"{self.name}{suffix}", self.unit, array))
+                columns.append(Column(f"{self.name}{suffix}", self.unit, array))
                 continue
             for axis, values in zip("xy", array.T, strict=True):
-                found.append(Column(f"{self.name}_{axis}{suffix}", self.unit, values))
-        return found
+                columns.append(Column(f"{self.name}_{axis}{suffix}", self.unit, values))
+        return columns
 
 
 def read_estimates(
@@ -92,12 +92,12 @@ def read_estimates(
     truths = read_signals(reference, "reference") if reference is not None else {}
     compared = read_signals(moved, "vsense") if moved is not None else estimates
     start = min((int(series.stamp[0]) for series in estimates.values()), default=0)
-    found = {}
+    signals = {}
     for name, series in estimates.items():
         truth = error = None
         if name in truths:
             truth, error = _compared(series, compared.get(name, series), truths[name])
-        found[name] = EstimatedSignal(
+        signals[name] = EstimatedSignal(
             name,
             series.signal.unit,
             series.stamp,
@@ -108,7 +108,7 @@ def read_estimates(
             None if error is None else _flat(error),
             None if scores is None else scores.get(name),
         )
-    return found
+    return signals
 
 
 def _compared(estimate: Series, moved: Series, truth: Series) -> tuple[Array, Array]:
@@ -128,7 +128,7 @@ def _flat(values: Array) -> Array:
 
 def table_of(signals: Mapping[str, EstimatedSignal], name: str) -> Table:
     """Estimated signals as one table over all their times."""
-    return merged([Table(one.name, one.stamp, tuple(one.columns())) for one in signals.values()], name)
+    return merged([Table(signal.name, signal.stamp, tuple(signal.columns())) for signal in signals.values()], name)
 
 
 class Result(Printable, Mapping[str, EstimatedSignal]):

@@ -46,9 +46,9 @@ def save(path: str | Path, recording: Recording, tables: Sequence[Table]) -> Non
 
 def check_target(path: Path) -> None:
     """Raises `InputError` for a file that `save` could not write: an ending that is not known, or no folder for it."""
-    known = [*_WRITERS, ".mcap"]
-    if path.suffix.lower() not in known:
-        raise InputError(f"{path}: no format has the ending {path.suffix!r}; there are {', '.join(known)}")
+    endings = [*_WRITERS, ".mcap"]
+    if path.suffix.lower() not in endings:
+        raise InputError(f"{path}: no format has the ending {path.suffix!r}; there are {', '.join(endings)}")
     if path.is_dir():
         raise InputError(f"{path}: is a folder; expected the name of a file")
     if not path.resolve().parent.is_dir():
@@ -117,17 +117,17 @@ def _struct(table: Table, start: int) -> dict[str, Any]:
 
 def _variables(names: Sequence[str]) -> list[str]:
     """Names that MATLAB takes: letters, digits and underscores, no longer than it allows, and each once."""
-    found: list[str] = []
+    variables: list[str] = []
     for name in names:
         plain = re.sub(r"\W+", "_", name, flags=re.ASCII).strip("_")[:_LONGEST_NAME]
         plain = plain if plain[:1].isalpha() else f"x{plain}"[:_LONGEST_NAME]
         number = 1
-        while plain in found or plain in ("time", "stamp", "units"):
+        while plain in variables or plain in ("time", "stamp", "units"):
             number += 1
             ending = f"_{number}"
             plain = plain.removesuffix(f"_{number - 1}")[: _LONGEST_NAME - len(ending)] + ending
-        found.append(plain)
-    return found
+        variables.append(plain)
+    return variables
 
 
 def _save_mf4(target: Path, tables: Sequence[Table]) -> None:

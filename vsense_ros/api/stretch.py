@@ -51,6 +51,6 @@ class Stretch:
 
 def distinct_names(stretches: Sequence[Stretch]) -> dict[Path, str]:
     """Names that begin with the folder, for recordings whose names are the same without it."""
-    files = [one.path for one in stretches]
+    files = [stretch.path for stretch in stretches]
     alike = Counter(path.stem for path in {path.resolve() for path in files})
     return {path: f"{path.resolve().parent.name}/{path.name}" for path in files if alike[path.resolve().stem] > 1}

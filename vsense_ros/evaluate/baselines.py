@@ -27,8 +27,12 @@ Scores = dict[str, SignalScore]
 def score_all(estimates: Iterable[Series], recording: Recording) -> Scores:
     """Scores of some series against the reference of a recording, by signal."""
     truths = read_signals(recording, "reference")
-    found = {one.signal.name: score(one, truths[one.signal.name]) for one in estimates if one.signal.name in truths}
-    return {name: result for name, result in found.items() if result is not None}
+    scores = {
+        series.signal.name: score(series, truths[series.signal.name])
+        for series in estimates
+        if series.signal.name in truths
+    }
+    return {name: result for name, result in scores.items() if result is not None}
 
 
 def wheel_speed(recording: Recording, rolling_radius: float) -> list[Series]:
@@ -59,16 +63,16 @@ def trivial(recording: Recording) -> dict[str, tuple[str, SignalScore]]:
     which nobody knows beforehand.
     """
     truths = read_signals(recording, "reference")
-    readings = {one.signal.name: (label, one) for label, one in _raw_readings(recording, truths)}
-    found = {}
+    readings = {reading.signal.name: (label, reading) for label, reading in _raw_readings(recording, truths)}
+    costless = {}
     for name, truth in truths.items():
         label, estimate = readings.get(name, (ZERO, _level(truth, 0.0)))
         if name not in readings and name not in _ABOUT_ZERO:
             label, estimate = CONSTANT, _level(truth, truth.value.mean(axis=0))
         result = score(estimate, truth)
         if result is not None:
-            found[name] = label, result
-    return found
+            costless[name] = label, result
+    return costless
 
 
 def _level(truth: Series, value: Array | float) -> Series:
@@ -114,8 +118,8 @@ def fit_regression(laps: Iterable[Recording]) -> Array:
     rows = [_regressors(lap) for lap in laps]
     matrix = np.vstack([regressors for _, regressors, _ in rows])
     lateral = np.concatenate([odometry.columns["linear"][:, 1] for odometry, _, _ in rows])
-    known = np.isfinite(lateral) & np.isfinite(matrix).all(axis=1)
-    coefficients, *_ = np.linalg.lstsq(matrix[known], lateral[known], rcond=None)
+    finite = np.isfinite(lateral) & np.isfinite(matrix).all(axis=1)
+    coefficients, *_ = np.linalg.lstsq(matrix[finite], lateral[finite], rcond=None)
     return np.asarray(coefficients, dtype=np.float64)
 
 

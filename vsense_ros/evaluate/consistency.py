@@ -47,16 +47,16 @@ def consistency(parts: Sequence[Innovations], credible: Sequence[NDArray[np.bool
     """Consistency of some sensors on some recordings together; `credible` are their messages of which the
     likelihood is made."""
     density = np.concatenate([part.log_density()[of] for part, of in zip(parts, credible, strict=True)])
-    used = [part.whitened[part.used] for part in parts]
-    count = max(sum(int(np.isfinite(values).sum()) for values in used), 1)
+    accepted = [part.whitened[part.used] for part in parts]
+    count = max(sum(int(np.isfinite(values).sum()) for values in accepted), 1)
     low, high = chi2.ppf([0.5 - SHARE / 2, 0.5 + SHARE / 2], count) / count
-    correlations = [(float(r), n) for values in used for r, n in zip(*lag_1(values), strict=True) if n > 2]
-    lag, pairs = max(correlations, key=lambda found: abs(found[0]), default=(np.nan, 1))
+    correlations = [(float(r), n) for values in accepted for r, n in zip(*lag_1(values), strict=True) if n > 2]
+    lag, pairs = max(correlations, key=lambda correlation: abs(correlation[0]), default=(np.nan, 1))
     return Consistency(
         sum(len(part.used) for part in parts),
         sum(int(np.sum(~part.used)) for part in parts),
         float(density.mean()),
-        sum(float(np.nansum(values**2)) for values in used) / count,
+        sum(float(np.nansum(values**2)) for values in accepted) / count,
         (float(low), float(high)),
         lag,
         _EDGE / pairs**0.5,
@@ -66,10 +66,10 @@ def consistency(parts: Sequence[Innovations], credible: Sequence[NDArray[np.bool
 def lag_1(whitened: Array) -> tuple[Array, list[int]]:
     """The correlation of each component of (n, m) with its value one message before, and the number of pairs."""
     before, after = whitened[:-1], whitened[1:]
-    both = np.isfinite(before) & np.isfinite(after)
-    before, after = np.where(both, before, 0.0), np.where(both, after, 0.0)
+    finite_pair = np.isfinite(before) & np.isfinite(after)
+    before, after = np.where(finite_pair, before, 0.0), np.where(finite_pair, after, 0.0)
     power = np.sqrt(np.sum(before**2, axis=0) * np.sum(after**2, axis=0))
-    return np.sum(before * after, axis=0) / np.maximum(power, 1e-300), both.sum(axis=0).tolist()
+    return np.sum(before * after, axis=0) / np.maximum(power, 1e-300), finite_pair.sum(axis=0).tolist()
 
 
 @dataclass(frozen=True)
@@ -86,7 +86,7 @@ def errors_of(output: Recording, truth: Recording) -> dict[str, Error]:
     """Errors of every signal that `truth` has below `reference/` and `output` with a standard deviation below
     `vsense/`."""
     return {
-        name: Error(one.rmse, one.nees, one.within_2s)
-        for name, one in compare(output, truth).items()
-        if one.nees is not None and one.within_2s is not None
+        name: Error(score.rmse, score.nees, score.within_2s)
+        for name, score in compare(output, truth).items()
+        if score.nees is not None and score.within_2s is not None
     }

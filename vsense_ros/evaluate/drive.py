@@ -97,17 +97,17 @@ class Drive:
         return {
             "signals": {
                 name: {
-                    "rmse": one.rmse,
-                    "nrmsd_percent": one.nrmsd_percent,
-                    "bias": one.bias,
-                    "lag_s": one.lag_s,
-                    "unit": one.unit,
-                    "within_2s": one.within_2s,
-                    "nees": one.nees,
-                    "known": one.known,
+                    "rmse": score.rmse,
+                    "nrmsd_percent": score.nrmsd_percent,
+                    "bias": score.bias,
+                    "lag_s": score.lag_s,
+                    "unit": score.unit,
+                    "within_2s": score.within_2s,
+                    "nees": score.nees,
+                    "known": score.known_share,
                     "trivial": self.trivial[name][1].rmse if name in self.trivial else None,
                 }
-                for name, one in self.scores.items()
+                for name, score in self.scores.items()
             },
             "balance_percent": None if self.balance is None else self.balance.percent,
             "step_us_median": _finite(self.step_us_median),
@@ -133,24 +133,24 @@ class Drive:
 
     def facts(self) -> list[str]:
         """Duration, distance and speed range of the drive, in words."""
-        found = [f"{self.input.duration:.0f} s"]
+        facts = [f"{self.input.duration:.0f} s"]
         for recording, source in ((self.input, "reference"), (self.output, "vsense")):
             odometry = find_channel(recording, f"{source}/odometry")
             if odometry is None:
                 continue
             speed = np.hypot(odometry.columns["linear"][:, 0], np.nan_to_num(odometry.columns["linear"][:, 1]))
-            known = np.isfinite(speed)
-            if known.sum() > 1:
-                mean = (speed[known][1:] + speed[known][:-1]) / 2.0
-                length = float(np.sum(mean * np.diff(odometry.stamp[known]) * 1e-9))
-                found.append(f"{length / 1000.0:.2f} km" if length >= 1000.0 else f"{length:.0f} m")
-                slow, fast = speed[known].min() * 3.6, speed[known].max() * 3.6
-                found.append(f"{slow:.0f}–{fast:.0f} km/h")
+            finite = np.isfinite(speed)
+            if finite.sum() > 1:
+                mean = (speed[finite][1:] + speed[finite][:-1]) / 2.0
+                length = float(np.sum(mean * np.diff(odometry.stamp[finite]) * 1e-9))
+                facts.append(f"{length / 1000.0:.2f} km" if length >= 1000.0 else f"{length:.0f} m")
+                slow, fast = speed[finite].min() * 3.6, speed[finite].max() * 3.6
+                facts.append(f"{slow:.0f}–{fast:.0f} km/h")
                 break
         missing = self.without_estimate()
         if missing:
-            found.append(f"{missing:.1f} s without an estimate")
-        return found
+            facts.append(f"{missing:.1f} s without an estimate")
+        return facts
 
     def without_estimate(self) -> float:
         """How long the output was interrupted, all its gaps together [s]."""

@@ -155,15 +155,15 @@ def on_map(change: Change) -> Change:
     def changed(channel: Channel, rows: Rows, times: Array) -> Channel:
         fixes = np.column_stack([channel.columns[name][:, 0] for name in ("latitude", "longitude", "altitude")])
         fixes[:, 2] = np.nan_to_num(fixes[:, 2])
-        known = np.isfinite(fixes).all(axis=1)
-        if not known.any():
+        finite = np.isfinite(fixes).all(axis=1)
+        if not finite.any():
             return channel
-        origin = fixes[known][0]
+        origin = fixes[finite][0]
         places = np.column_stack(pymap3d.geodetic2enu(*fixes.T, *origin))
         on_plane = replace(channel, kind="geometry_msgs/msg/TwistStamped", columns={PLACE: places})
-        made = pymap3d.enu2geodetic(*change(on_plane, rows, times).columns[PLACE].T, *origin)
+        changed_fixes = pymap3d.enu2geodetic(*change(on_plane, rows, times).columns[PLACE].T, *origin)
         columns = dict(channel.columns)
-        for name, values in zip(("latitude", "longitude"), made, strict=False):
+        for name, values in zip(("latitude", "longitude"), changed_fixes, strict=False):
             columns[name] = np.where(rows, values, columns[name][:, 0])[:, None]
         return replace(channel, columns=columns)
 
@@ -184,20 +184,22 @@ def shaken(rate: float, rates: float, forces: float) -> Change:
     """IMU messages at another rate [Hz], whose values alternate by so much [rad/s, m/s²]."""
 
     def change(channel: Channel, rows: Rows, times: Array) -> Channel:
-        where = np.flatnonzero(rows)
-        begin, end = times[where[0]], times[where[-1]]
+        changed_rows = np.flatnonzero(rows)
+        begin, end = times[changed_rows[0]], times[changed_rows[-1]]
         new = np.arange(begin, end, 1 / rate)
-        taken = np.minimum(np.searchsorted(times, new, side="right") - 1, where[-1])
-        made = channel.select(taken)
+        source_rows = np.minimum(np.searchsorted(times, new, side="right") - 1, changed_rows[-1])
+        resampled = channel.select(source_rows)
         sign = np.where(np.arange(len(new)) % 2, 1.0, -1.0)[:, None]
-        shift = np.round((new - times[taken]) * 1e9).astype(np.int64)
-        columns = dict(made.columns)
+        shift = np.round((new - times[source_rows]) * 1e9).astype(np.int64)
+        columns = dict(resampled.columns)
         columns[GYRO], columns[ACCELEROMETER] = (
-            made.columns[GYRO] + rates * sign,
-            made.columns[ACCELEROMETER] + forces * sign,
+            resampled.columns[GYRO] + rates * sign,
+            resampled.columns[ACCELEROMETER] + forces * sign,
         )
-        made = replace(made, stamp=made.stamp + shift, received=made.received + shift, columns=columns)
-        parts = [channel.select(times < begin), made, channel.select(times >= end)]
+        resampled = replace(
+            resampled, stamp=resampled.stamp + shift, received=resampled.received + shift, columns=columns
+        )
+        parts = [channel.select(times < begin), resampled, channel.select(times >= end)]
         return replace(
             channel,
             stamp=np.concatenate([p.stamp for p in parts]),

@@ -33,14 +33,14 @@ def bode(
     shades = colormaps["viridis"](np.linspace(0.0, 0.92, len(speeds)))
     for (name, response), line in zip(responses.items(), _LINES, strict=False):
         for kph, colour in zip(speeds, shades, strict=True):
-            found = response.frequency_response(kph / 3.6, FREQUENCIES, output)
+            gains = response.frequency_response(kph / 3.6, FREQUENCIES, output)
             label = f"{kph} km/h" if line == "-" else None
-            size.plot(FREQUENCIES, np.abs(found), color=colour, ls=line, lw=1.1, label=label)
-            phase.plot(FREQUENCIES, np.degrees(np.unwrap(np.angle(found))), color=colour, ls=line, lw=1.1)
+            size.plot(FREQUENCIES, np.abs(gains), color=colour, ls=line, lw=1.1, label=label)
+            phase.plot(FREQUENCIES, np.degrees(np.unwrap(np.angle(gains))), color=colour, ls=line, lw=1.1)
         if name:
             phase.plot([], [], color=MUTED, ls=line, label=name)
-    words = output.replace("_", " ").capitalize()
-    size.set_title(f"{words} over road-wheel angle")
+    output_name = output.replace("_", " ").capitalize()
+    size.set_title(f"{output_name} over road-wheel angle")
     size.set_ylabel("[m/s/rad]")
     size.set_yscale("log")
     size.legend(fontsize=6.5, ncols=2)

@@ -39,7 +39,7 @@ class SignalScore:
       the position counts. `nees`: mean square of error over standard deviation (Bar-Shalom, Li & Kirubarajan 2001,
       section 5.4), 1 if the filter is right, more if it is too sure of itself. None where it states no deviation, as
       with those of simpler ways.
-    - `known`: share of the time for which the filter claims to know the signal; only that is scored.
+    - `known_share`: share of the time for which the filter claims to know the signal; only that is scored.
     """
 
     rmse: float
@@ -50,7 +50,7 @@ class SignalScore:
     n: int
     within_2s: float | None = None
     nees: float | None = None
-    known: float = 1.0
+    known_share: float = 1.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -83,7 +83,7 @@ def compare(output: Recording, input: Recording) -> dict[str, SignalScore]:
     """
     estimates, truths = read_signals(output, "vsense"), read_signals(input, "reference")
     scores = {name: score(estimates[name], truths[name]) for name in estimates if name in truths}
-    return {name: found for name, found in scores.items() if found is not None}
+    return {name: result for name, result in scores.items() if result is not None}
 
 
 def without_reference(output: Recording, scored: Collection[str]) -> list[str]:
@@ -119,7 +119,7 @@ def score(estimate: Series, truth: Series) -> SignalScore | None:
         n=len(error),
         within_2s=float(np.mean(np.abs(ratio) < 2.0)) if len(ratio) else None,
         nees=float(np.mean(ratio**2)) if len(ratio) else None,
-        known=float(claimed.mean()),
+        known_share=float(claimed.mean()),
     )
 
 
@@ -128,8 +128,8 @@ def align(estimate: Series, truth: Series) -> Aligned:
     angle = truth.signal.angle
     times = (truth.stamp - truth.stamp[0]) * 1e-9 if len(truth) else np.zeros(0)
     longest_gap = min(longest_period(estimate.stamp), LONGEST_GAP)
-    value, known = _resample(estimate, truth.stamp[0] if len(truth) else 0, times, longest_gap)
-    value, stamp, reference = value[known], truth.stamp[known], truth.value[known]
+    value, covered = _resample(estimate, truth.stamp[0] if len(truth) else 0, times, longest_gap)
+    value, stamp, reference = value[covered], truth.stamp[covered], truth.value[covered]
     if angle and len(reference):
         reference = np.unwrap(reference, axis=0)
         value = reference + wrap(value - reference)
@@ -160,11 +160,11 @@ def lag(estimate: Series, truth: Series) -> float | None:
     times = np.arange(0.0, duration, step)
     y, y_known = _resample(estimate, origin, times, max(LONGEST_GAP, 2.0 * periods[0]))
     x, x_known = _resample(truth, origin, times, max(LONGEST_GAP, 2.0 * periods[1]))
-    both = x_known & y_known
-    if both.sum() < 4:
+    both_known = x_known & y_known
+    if both_known.sum() < 4:
         return None
     y[~y_known], x[~x_known] = np.nan, np.nan
-    curves = [lag_curve(one, other, reach) for one, other in zip(y.T, x.T, strict=True)]
+    curves = [lag_curve(estimated, true, reach) for estimated, true in zip(y.T, x.T, strict=True)]
     variance = np.nan_to_num(np.sum([curve.difference_variance for curve in curves], axis=0), nan=np.inf)
     power_y, power_x = (
         np.sum([getattr(c, name) for c in curves], axis=0) for name in ("variance_one", "variance_other")
@@ -181,16 +181,16 @@ def lag(estimate: Series, truth: Series) -> float | None:
 
 def _resample(series: Series, origin: int, times: Array, longest_gap: float) -> tuple[Array, NDArray[np.bool_]]:
     """Values (m, k) at `times` [s after origin], and where they are known; angles continuous."""
-    known = np.zeros(len(times), dtype=bool)
+    covered = np.zeros(len(times), dtype=bool)
     value = np.zeros((len(times), series.value.shape[1]))
     if not len(series) or not len(times):
-        return value, known
-    own = (series.stamp - origin) * 1e-9
+        return value, covered
+    own_times = (series.stamp - origin) * 1e-9
     source = np.unwrap(series.value, axis=0) if series.signal.angle else series.value
-    after = np.searchsorted(own, times)
-    inside = (after > 0) & (after < len(own))
-    known[inside] = (own[after[inside]] - own[after[inside] - 1]) <= longest_gap
-    known |= np.isin(times, own)
+    after = np.searchsorted(own_times, times)
+    inside = (after > 0) & (after < len(own_times))
+    covered[inside] = (own_times[after[inside]] - own_times[after[inside] - 1]) <= longest_gap
+    covered |= np.isin(times, own_times)
     for column in range(value.shape[1]):
-        value[:, column] = np.interp(times, own, source[:, column])
-    return value, known
+        value[:, column] = np.interp(times, own_times, source[:, column])
+    return value, covered

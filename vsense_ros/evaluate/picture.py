@@ -211,12 +211,12 @@ def _over_time(
         _residual(errors, scores.get(name), estimates.get(name), truths.get(name), start)
         if row == 0 and axes.get_legend_handles_labels()[0]:
             axes.legend(loc="lower right", bbox_to_anchor=(1.0, 1.0), ncols=3, borderaxespad=0.0)
-        for each in (axes, errors):
-            each.tick_params(labelbottom=row == len(SHOWN_OVER_TIME) - 1)
+        for panel in (axes, errors):
+            panel.tick_params(labelbottom=row == len(SHOWN_OVER_TIME) - 1)
     if first is not None:
         first.margins(x=0.01)
-        for each in (axes, errors):
-            each.set_xlabel("time [s]")
+        for panel in (axes, errors):
+            panel.set_xlabel("time [s]")
 
 
 def _signal(axes: Axes, estimate: Series | None, truth: Series | None, start: int) -> None:
@@ -248,14 +248,16 @@ def value_limits(estimate: Series, truth: Series | None) -> tuple[float, float]:
     return low - margin, high + margin
 
 
-def _residual(axes: Axes, found: SignalScore | None, estimate: Series | None, truth: Series | None, start: int) -> None:
-    if found is None or estimate is None or truth is None:
+def _residual(
+    axes: Axes, result: SignalScore | None, estimate: Series | None, truth: Series | None, start: int
+) -> None:
+    if result is None or estimate is None or truth is None:
         axes.set_title("Error")
         _say(axes, "no reference in this recording" if truth is None else "not estimated")
         return
     signal = estimate.signal
     axes.set_title("Error")
-    axes.text(1.0, 1.045, in_words(signal, found), transform=axes.transAxes, ha="right", fontsize=8.0, color=MUTED)
+    axes.text(1.0, 1.045, in_words(signal, result), transform=axes.transAxes, ha="right", fontsize=8.0, color=MUTED)
     aligned = align(estimate, truth)
     error = aligned.error[:, 0] * signal.shown_per_unit
     axes.axhline(0.0, color="#b8b8b8", lw=0.8, zorder=1)
@@ -304,9 +306,9 @@ def _friction(axes: Axes, estimates: Mapping[str, Series], start: int) -> None:
         if not len(stamp):
             continue
         values = [force.value[np.searchsorted(force.stamp, stamp), 0] for force in (x, y, z)]
-        used = np.where(values[2] > 50.0, np.hypot(values[0], values[1]) / np.maximum(values[2], 50.0), np.nan)
-        peaks.append(float(np.quantile(np.nan_to_num(used), 0.999)))
-        seconds, _, shown = curve(stamp, start, np.nan_to_num(used), used)
+        friction = np.where(values[2] > 50.0, np.hypot(values[0], values[1]) / np.maximum(values[2], 50.0), np.nan)
+        peaks.append(float(np.quantile(np.nan_to_num(friction), 0.999)))
+        seconds, _, shown = curve(stamp, start, np.nan_to_num(friction), friction)
         axes.plot(seconds, shown, color=WHEEL_COLOURS[wheel], lw=1.0, label=wheel.upper())
     axes.set_ylabel("|F$_{xy}$| / F$_z$ [–]")
     axes.set_xlabel("time [s]")
@@ -318,12 +320,12 @@ def _friction(axes: Axes, estimates: Mapping[str, Series], start: int) -> None:
         _say(axes, "not estimated")
 
 
-def in_words(signal: Signal, found: SignalScore) -> str:
+def in_words(signal: Signal, result: SignalScore) -> str:
     """A score as one line."""
     unit = signal.shown_unit if signal.shown_unit.startswith("°") else " " + signal.shown_unit
-    nrmsd = "" if found.nrmsd_percent is None else f" = {found.nrmsd_percent:.2g} %"
-    lag = "" if found.lag_s is None else f"   lag {found.lag_s * 1e3:+.0f} ms"
-    rmse, bias = found.rmse * signal.shown_per_unit, found.bias * signal.shown_per_unit
+    nrmsd = "" if result.nrmsd_percent is None else f" = {result.nrmsd_percent:.2g} %"
+    lag = "" if result.lag_s is None else f"   lag {result.lag_s * 1e3:+.0f} ms"
+    rmse, bias = result.rmse * signal.shown_per_unit, result.bias * signal.shown_per_unit
     return f"RMSE {rmse:.3g}{unit}{nrmsd}   bias {bias:+.2g}{unit}{lag}"
 
 

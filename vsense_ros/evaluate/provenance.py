@@ -26,22 +26,22 @@ def software() -> str:
         return f"vsense_ros {number}"
     command = ["git", "-C", str(root), "describe", "--always", "--dirty", "--abbrev=12"]
     try:
-        found = subprocess.run(command, capture_output=True, text=True, timeout=_PATIENCE, check=True).stdout.strip()
+        commit = subprocess.run(command, capture_output=True, text=True, timeout=_PATIENCE, check=True).stdout.strip()
     except (OSError, subprocess.SubprocessError):
         return f"vsense_ros {number}"
-    return f"vsense_ros {number}, commit {found}"
+    return f"vsense_ros {number}, commit {commit}"
 
 
 def file_hash(path: Path) -> str:
     """The first digits of the SHA-256 of a file, or of all files of a folder with their names."""
-    found = sha256()
-    for one in [path] if path.is_file() else sorted(part for part in path.rglob("*") if part.is_file()):
-        if one != path:
-            found.update(one.relative_to(path).as_posix().encode())
-        with one.open("rb") as file:
+    digest = sha256()
+    for member in [path] if path.is_file() else sorted(part for part in path.rglob("*") if part.is_file()):
+        if member != path:
+            digest.update(member.relative_to(path).as_posix().encode())
+        with member.open("rb") as file:
             while block := file.read(_BLOCK):
-                found.update(block)
-    return found.hexdigest()[:_SHOWN]
+                digest.update(block)
+    return digest.hexdigest()[:_SHOWN]
 
 
 def provenance(*, vehicle: Path, recording: Path, filter: str) -> Mapping[str, str]:

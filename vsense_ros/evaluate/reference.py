@@ -57,19 +57,21 @@ def judged_by(recording: Recording, source: str) -> Recording:
     """
     if source == REFERENCE:
         return recording
-    own = {topic: topic.strip("/") for topic in recording.channels}
+    plain_names = {topic: topic.strip("/") for topic in recording.channels}
     chosen = {
-        topic: f"{REFERENCE}{name[len(source) :]}" for topic, name in own.items() if name.startswith(f"{source}/")
+        topic: f"{REFERENCE}{name[len(source) :]}"
+        for topic, name in plain_names.items()
+        if name.startswith(f"{source}/")
     }
     if not chosen:
-        known = sorted({name.partition("/")[0] for name in own.values() if name.endswith("/odometry")})
+        sources = sorted({name.partition("/")[0] for name in plain_names.values() if name.endswith("/odometry")})
         raise InputError(
             f"{recording.name or 'recording'}: no topic {source}/… to compare with; "
-            f"there {'is' if len(known) == 1 else 'are'} {', '.join(known) or 'none'} with an odometry "
+            f"there {'is' if len(sources) == 1 else 'are'} {', '.join(sources) or 'none'} with an odometry "
             f"(`vsense smooth` writes a bag with {SMOOTHED}/odometry)"
         )
     channels = {
-        t: c for t, c in recording.channels.items() if t not in chosen and own[t].partition("/")[0] != REFERENCE
+        t: c for t, c in recording.channels.items() if t not in chosen and plain_names[t].partition("/")[0] != REFERENCE
     }
     channels |= {new: replace(recording.channels[old], topic=new) for old, new in chosen.items()}
     return replace(recording, channels=channels)
@@ -78,8 +80,8 @@ def judged_by(recording: Recording, source: str) -> Recording:
 def as_smoothed(recording: Recording, output: Recording) -> Recording:
     """A recording with the motion of a run's `output` beside it, on topics below `smoothed`."""
     moved = {f"{SMOOTHED}{topic.removeprefix('vsense')}": c for topic, c in output.channels.items()}
-    kept = {t: c for t, c in recording.channels.items() if t.strip("/").partition("/")[0] != SMOOTHED}
-    return replace(recording, channels=kept | {topic: replace(c, topic=topic) for topic, c in moved.items()})
+    others = {t: c for t, c in recording.channels.items() if t.strip("/").partition("/")[0] != SMOOTHED}
+    return replace(recording, channels=others | {topic: replace(c, topic=topic) for topic, c in moved.items()})
 
 
 def mounting_in_words(vehicle: Vehicle) -> str:

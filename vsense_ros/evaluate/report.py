@@ -74,15 +74,15 @@ def _section(drive: Drive, picture: Path | None) -> dict[str, Any]:
         "rows": [
             {
                 "label": SIGNALS[name].label,
-                "cells": score_cells(name, found, drive.trivial.get(name)),
-                "n": found.n,
+                "cells": score_cells(name, result, drive.trivial.get(name)),
+                "n": result.n,
                 "others": [
                     (label, score_cells(name, scores[name]))
                     for label, scores in drive.baselines.items()
                     if name in scores
                 ],
             }
-            for name, found in drive.scores.items()
+            for name, result in drive.scores.items()
         ],
         "balance": None if drive.balance is None else drive.balance.percent,
         "unreferenced": named(drive.unreferenced),
@@ -201,20 +201,20 @@ def _limits(estimate: Series, truth: Series | None) -> tuple[float, float]:
         return value_limits(estimate, truth)
     shown = estimate.shown()
     settled = shown[len(shown) // START_UP :]
-    others = truth.shown() if truth is not None else settled
-    low, high = float(min(settled.min(), others.min())), float(max(settled.max(), others.max()))
+    reference = truth.shown() if truth is not None else settled
+    low, high = float(min(settled.min(), reference.min())), float(max(settled.max(), reference.max()))
     margin = 0.08 * (high - low) or 1.0
     return low - margin, high + margin
 
 
-def _unbalanced(found: Balance, start: int) -> list[go.Scatter]:
+def _unbalanced(balance: Balance, start: int) -> list[go.Scatter]:
     """Shares of the weight and of the axles' loads that do not balance [%]; where the inertial sensor measures no load,
     of the forces along and across the car, and the yaw moment."""
     traces = []
-    loads = [name for name in ("vertical force", "front load", "rear load") if name in found.measured]
-    for name, colour in zip(loads or found.measured, _OF_SHARES, strict=False):
-        share = 100 * found.of(name)
-        seconds, shown = curve(found.stamp, start, share)
+    loads = [name for name in ("vertical force", "front load", "rear load") if name in balance.measured]
+    for name, colour in zip(loads or balance.measured, _OF_SHARES, strict=False):
+        share = 100 * balance.of(name)
+        seconds, shown = curve(balance.stamp, start, share)
         line = {"color": colour, "width": 1.2}
         traces.append(go.Scatter(x=_short(seconds, 3), y=_short(shown, 2), mode="lines", line=line, name=name))
     return traces
@@ -222,11 +222,11 @@ def _unbalanced(found: Balance, start: int) -> list[go.Scatter]:
 
 def _traces(estimate: Series, truth: Series | None, start: int, label: str, colour: str) -> list[go.Scatter]:
     """Band, estimate and reference of one signal."""
-    found: list[go.Scatter] = []
+    traces: list[go.Scatter] = []
     if (band := estimate.band()) is not None:
         times, shown, two = curve(estimate.stamp, start, estimate.shown(), band)
         around, edge = outline(times, shown - two, shown + two)
-        found.append(
+        traces.append(
             go.Scatter(
                 x=_short(around, 3),
                 y=_short(edge, 5),
@@ -241,10 +241,10 @@ def _traces(estimate: Series, truth: Series | None, start: int, label: str, colo
         )
     line = {"color": colour, "width": 1.4}
     seconds, y = _points(estimate, start)
-    found.append(go.Scatter(x=seconds, y=y, mode="lines", line=line, name=label, legendgroup=label))
+    traces.append(go.Scatter(x=seconds, y=y, mode="lines", line=line, name=label, legendgroup=label))
     if truth is not None:
         seconds, y = _points(truth, start)
-        found.append(
+        traces.append(
             go.Scatter(
                 x=seconds,
                 y=y,
@@ -254,14 +254,14 @@ def _traces(estimate: Series, truth: Series | None, start: int, label: str, colo
                 legendgroup="reference",
             )
         )
-    return found
+    return traces
 
 
 def outline(times: Array, low: Array, high: Array) -> tuple[Array, Array]:
     """The outline of a band (n,) as one closed line around each stretch in which it is known, with NaN between them: a
     fill between two lines that are interrupted would cover what lies between the stretches."""
-    known = np.flatnonzero(np.isfinite(low) & np.isfinite(high))
-    stretches = [part for part in np.split(known, np.flatnonzero(np.diff(known) > 1) + 1) if len(part)]
+    finite = np.flatnonzero(np.isfinite(low) & np.isfinite(high))
+    stretches = [part for part in np.split(finite, np.flatnonzero(np.diff(finite) > 1) + 1) if len(part)]
     x = [np.concatenate([times[part], times[part][::-1], [np.nan]]) for part in stretches]
     y = [np.concatenate([high[part], low[part][::-1], [np.nan]]) for part in stretches]
     return np.concatenate([*x, []]), np.concatenate([*y, []])

@@ -133,12 +133,12 @@ def read_signals(recording: Recording, source: str) -> dict[str, Series]:
     else the angle of the velocity vector, and is only given at more than `SLOWEST_SIDE_SLIP` where it is the angle of a
     velocity.
     """
-    found: dict[str, Series] = {}
+    series_by_name: dict[str, Series] = {}
 
     def keep(name: str, channel: Channel, value: Array, variance: Array | None = None) -> None:
         series = make_series(SIGNALS[name], channel, value, variance)
         if len(series):
-            found[name] = series
+            series_by_name[name] = series
 
     odometry = find_channel(recording, f"{source}/odometry")
     if odometry is not None:
@@ -162,7 +162,7 @@ def read_signals(recording: Recording, source: str) -> dict[str, Series]:
                     deviation.columns["force"][:, column] ** 2 if deviation is not None and has_deviation else None
                 )
                 keep(f"wheel_force_{wheel}_{letter}", force, force.columns["force"][:, column : column + 1], variance)
-    return {name: found[name] for name in SIGNALS if name in found}
+    return {name: series_by_name[name] for name in SIGNALS if name in series_by_name}
 
 
 def _read_odometry(odometry: Channel, keep: Callable[[str, Channel, Array, Array | None], None]) -> None:
@@ -188,8 +188,10 @@ def _read_odometry(odometry: Channel, keep: Callable[[str, Channel, Array, Array
         keep(name, odometry, angle[:, None], variance[3 + axis])
     east, north = variance[:2]
     # One for both directions; where that of one is absent, so is the position.
-    both = None if east is None or north is None else np.where((east < 0) | (north < 0), -1.0, (east + north) / 2)
-    keep("position", odometry, odometry.columns["position"][:, :2], both)
+    variance_of_either = (
+        None if east is None or north is None else np.where((east < 0) | (north < 0), -1.0, (east + north) / 2)
+    )
+    keep("position", odometry, odometry.columns["position"][:, :2], variance_of_either)
 
 
 def _variance(channel: Channel, column: str, axis: int) -> Array | None:

@@ -37,8 +37,8 @@ class PlainConsole(Console):
 
 def console(*, stderr: bool = False) -> Console:
     """A console as wide as the terminal, and wide enough for the tables where there is none."""
-    found = PlainConsole(stderr=stderr)
-    return found if found.is_terminal else PlainConsole(stderr=stderr, width=PIPE_WIDTH)
+    output = PlainConsole(stderr=stderr)
+    return output if output.is_terminal else PlainConsole(stderr=stderr, width=PIPE_WIDTH)
 
 
 def say(text: str) -> None:
@@ -129,7 +129,7 @@ def show_inspection(inspection: Inspection, out: Console) -> None:
     for heading in ("messages", "rate", "latency", "longest gap"):
         table.add_column(heading, justify="right", no_wrap=True)
     for topic in inspection.topics:
-        gap = max((found.length for found in topic.gaps), default=0.0)
+        gap = max((silence.length for silence in topic.gaps), default=0.0)
         table.add_row(
             topic.topic,
             topic.kind.rsplit("/", 1)[-1],
@@ -157,8 +157,8 @@ def _score_table(drive: Drive) -> Table:
     table.add_column("signal", no_wrap=True)
     for heading in HEADINGS:
         table.add_column(heading, justify="right", no_wrap=True)
-    for name, found in drive.scores.items():
-        table.add_row(SIGNALS[name].label, *score_cells(name, found, drive.trivial.get(name)))
+    for name, result in drive.scores.items():
+        table.add_row(SIGNALS[name].label, *score_cells(name, result, drive.trivial.get(name)))
         for label, scores in drive.baselines.items():
             if name in scores:
                 table.add_row(f"  {label}", *score_cells(name, scores[name]), style="dim")

@@ -51,8 +51,8 @@ class Bench:
     def _state(self, load: Array, slip: Array, angle: Array, camber: Array) -> Array:
         """Driven and braked by its spin; `angle` [rad] is the slip angle of ISO 8855, positive to the left."""
         load, slip, angle, camber = np.broadcast_arrays(*(np.atleast_1d(x) for x in (load, slip, angle, camber)))
-        one = np.ones(load.shape)
-        return np.array([load, SPEED * one, SPEED * np.tan(angle), SPEED * (1 + slip), one, camber])
+        ones = np.ones(load.shape)
+        return np.array([load, SPEED * ones, SPEED * np.tan(angle), SPEED * (1 + slip), ones, camber])
 
     def forces(self, load: Any, slip: Any = 0.0, angle: Any = 0.0, camber: Any = 0.0) -> Curves:
         """Forces and aligning moment."""
@@ -106,16 +106,16 @@ def _pure(bench: Bench, panels: Any) -> None:
 def _combined(bench: Bench, panels: Any) -> None:
     slips = np.concatenate([-np.geomspace(1, 1e-3, 200), np.geomspace(1e-3, 1, 200)])
     for degrees, colour in zip(ANGLES, SHADES, strict=False):
-        found = bench.forces(NOMINAL, slips, -np.radians(degrees))
-        longitudinal, lateral = found.longitudinal / 1000, found.lateral / 1000
+        forces = bench.forces(NOMINAL, slips, -np.radians(degrees))
+        longitudinal, lateral = forces.longitudinal / 1000, forces.lateral / 1000
         name = f"{-degrees:g}°" if degrees else "0°"
         shown = np.abs(slips) <= 0.4
         panels[0].plot(slips[shown], longitudinal[shown], color=colour, label=name)
         panels[1].plot(slips[shown], lateral[shown], color=colour, label=name)
         panels[2].plot(longitudinal, lateral, color=colour, label=name)
     for slip in (-0.1, -0.03, 0.03, 0.1):
-        found = bench.forces(NOMINAL, slip, np.radians(np.linspace(-20, 20, 200)))
-        panels[2].plot(found.longitudinal / 1000, found.lateral / 1000, color="#E69F00", linewidth=0.7)
+        forces = bench.forces(NOMINAL, slip, np.radians(np.linspace(-20, 20, 200)))
+        panels[2].plot(forces.longitudinal / 1000, forces.lateral / 1000, color="#E69F00", linewidth=0.7)
     _label(panels[0], "Longitudinal force while cornering, 4 kN", "longitudinal slip", "kN", "slip angle")
     _label(panels[1], "Lateral force while driving, 4 kN", "longitudinal slip", "kN", "slip angle")
     _label(panels[2], "Friction ellipse, 4 kN", "longitudinal force [kN]", "lateral force [kN]")

@@ -20,7 +20,7 @@ LEGEND = (
 )
 
 
-def score_cells(name: str, found: SignalScore, trivial: tuple[str, SignalScore] | None = None) -> tuple[str, ...]:
+def score_cells(name: str, result: SignalScore, trivial: tuple[str, SignalScore] | None = None) -> tuple[str, ...]:
     """The cells below `HEADINGS` for a signal, as people read them; "–" where there is no value.
 
     The RMSE has three digits (no more than four decimals), the bias as many decimals as the RMSE. An error that was
@@ -28,15 +28,15 @@ def score_cells(name: str, found: SignalScore, trivial: tuple[str, SignalScore] 
     """
     signal = SIGNALS[name]
     unit = ("" if signal.shown_unit.startswith("°") else " ") + signal.shown_unit
-    bias = found.bias * signal.shown_per_unit
-    nrmsd = "–" if found.nrmsd_percent is None or not signal.ranged else f"{found.nrmsd_percent:.2f}"
-    lag = "–" if found.lag_s is None else f"{found.lag_s * 1e3:+.1f}"
-    inside = "–" if found.within_2s is None else f"{100 * found.within_2s:.0f} %"
-    nees = "–" if found.nees is None else f"{found.nees:.2f}" if found.nees < 100 else f"{found.nees:.0f}"
-    known = "" if found.known > 0.995 else f" in {100 * found.known:.0f} %"
+    bias = result.bias * signal.shown_per_unit
+    nrmsd = "–" if result.nrmsd_percent is None or not signal.ranged else f"{result.nrmsd_percent:.2f}"
+    lag = "–" if result.lag_s is None else f"{result.lag_s * 1e3:+.1f}"
+    inside = "–" if result.within_2s is None else f"{100 * result.within_2s:.0f} %"
+    nees = "–" if result.nees is None else f"{result.nees:.2f}" if result.nees < 100 else f"{result.nees:.0f}"
+    share_of_time = "" if result.known_share > 0.995 else f" in {100 * result.known_share:.0f} %"
     costs_nothing = "–" if trivial is None else f"{_amount(signal, trivial[1].rmse)} ({trivial[0]})"
-    decimals = _decimals(found.rmse * signal.shown_per_unit)
-    rmse = f"{_amount(signal, found.rmse)}{known}"
+    decimals = _decimals(result.rmse * signal.shown_per_unit)
+    rmse = f"{_amount(signal, result.rmse)}{share_of_time}"
     return rmse, inside, nees, costs_nothing, nrmsd, f"{bias:+.{decimals}f}{unit}", lag
 
 
@@ -50,9 +50,9 @@ def _decimals(shown: float) -> int:
     return int(np.clip(2 - np.floor(np.log10(shown)), 0, 4)) if shown > 0.0 else 2
 
 
-def balance_in_words(found: Balance) -> str:
+def balance_in_words(balance: Balance) -> str:
     """How far the tyre forces are from what the inertial sensor feels."""
-    shares = ", ".join(f"{name} {share:.1f} %" for name, share in found.percent.items())
+    shares = ", ".join(f"{name} {share:.1f} %" for name, share in balance.percent.items())
     return (
         f"Tyre forces less what the inertial sensor feels, RMS below 2 Hz, of the weight or the load at rest: {shares}"
     )

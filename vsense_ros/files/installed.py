@@ -37,9 +37,9 @@ def vehicle_path(text: str) -> Path:
     if path.exists() or path.suffix or len(path.parts) > 1:
         return path
     folder = shared_folder("config") / "vehicles"
-    known = sorted(file.stem for file in folder.glob("*.yaml"))
-    if text not in known:
+    names = sorted(file.stem for file in folder.glob("*.yaml"))
+    if text not in names:
         raise InputError(
-            f"no vehicle file {text!r}: neither a path nor one of {', '.join(known) or 'none'} in {folder}"
+            f"no vehicle file {text!r}: neither a path nor one of {', '.join(names) or 'none'} in {folder}"
         )
     return folder / f"{text}.yaml"

@@ -17,8 +17,8 @@ def harmless(text: str) -> str:
     """A name on one line that means nothing to a compiler, a shell or a spreadsheet: letters and digits of any
     language, spaces and . , _ - ( ) stay, all else becomes an underscore, none of the signs that begin formulas begin
     it, and it has at most 80 characters."""
-    kept = "".join(c if c.isalnum() or c in " .,_-()" else "_" for c in unicodedata.normalize("NFC", text))
-    return kept.strip(" .").lstrip("-+=@")[:_LONGEST].strip(" .") or "unnamed"
+    plain = "".join(c if c.isalnum() or c in " .,_-()" else "_" for c in unicodedata.normalize("NFC", text))
+    return plain.strip(" .").lstrip("-+=@")[:_LONGEST].strip(" .") or "unnamed"
 
 
 def printable(text: str) -> str:

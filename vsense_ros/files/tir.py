@@ -109,7 +109,7 @@ def _entries(path: Path) -> dict[str, _Entry]:
         raise InputError(f"{path}: no such tyre file") from None
     except OSError as error:
         raise InputError(f"{path}: cannot be read: {error.strerror or error}") from None
-    found: dict[str, _Entry] = {}
+    entries: dict[str, _Entry] = {}
     section = ""
     for number, line in enumerate(lines, 1):
         text = re.split(r"[$!]", line, maxsplit=1)[0].strip()
@@ -129,15 +129,15 @@ def _entries(path: Path) -> dict[str, _Entry]:
         entry = _Entry(value.strip("'\" "), number)
         if not entry.text:  # written so by tools for what was not set
             continue
-        if key in found and found[key].text != entry.text:
+        if key in entries and entries[key].text != entry.text:
             raise InputError(
-                f"{path}:{number}: {key} = {entry.text} contradicts line {found[key].line}, where it is "
-                f"{found[key].text}; remove one of them"
+                f"{path}:{number}: {key} = {entry.text} contradicts line {entries[key].line}, where it is "
+                f"{entries[key].text}; remove one of them"
             )
-        found.setdefault(key, entry)
-    if not found:
+        entries.setdefault(key, entry)
+    if not entries:
         raise InputError(f"{path}: no tyre property file: expected sections like [MODEL] with lines KEY = value")
-    return found
+    return entries
 
 
 def _number(path: Path, key: str, entry: _Entry) -> float:
@@ -150,13 +150,13 @@ def _number(path: Path, key: str, entry: _Entry) -> float:
 def _units(path: Path, entries: Mapping[str, _Entry]) -> dict[str, float]:
     """Size of each of the file's units in SI units."""
     sizes = {}
-    for quantity, known in UNITS.items():
+    for quantity, sizes_by_unit in UNITS.items():
         entry = entries.get(quantity)
-        name = entry.text.lower() if entry else next(iter(known))
-        if name not in known:
+        name = entry.text.lower() if entry else next(iter(sizes_by_unit))
+        if name not in sizes_by_unit:
             line = f":{entry.line}" if entry else ""
-            raise InputError(f"{path}{line}: {quantity}: unknown unit {name!r}; known are {', '.join(known)}")
-        sizes[quantity] = known[name]
+            raise InputError(f"{path}{line}: {quantity}: unknown unit {name!r}; known are {', '.join(sizes_by_unit)}")
+        sizes[quantity] = sizes_by_unit[name]
     return sizes
 
 
@@ -185,9 +185,9 @@ def _parameters(path: Path, entries: dict[str, _Entry], axes: Axes) -> dict[str,
     """Fields of a Magic Formula tyre in SI units and ISO axes."""
     units = _units(path, entries)
     data: dict[str, Any] = {"model": "magic_formula", "version": _version(path, entries)}
-    for other, key in _OTHER_NAMES.items():
-        if other in entries:
-            entries.setdefault(key.upper(), entries[other])
+    for other_name, key in _OTHER_NAMES.items():
+        if other_name in entries:
+            entries.setdefault(key.upper(), entries[other_name])
     for key, (name, dimensions) in _DIMENSIONAL.items():
         if key in entries:
             data[name] = _number(path, key, entries[key])
@@ -236,10 +236,10 @@ def _coefficients(path: Path, entries: Mapping[str, _Entry], axes: Axes, symmetr
     if axes == "adapted_sae":
         coefficients = adapted_sae_to_iso(coefficients)
     if coefficients.get("pky1", -1.0) > 0:
-        other = "iso" if axes == "adapted_sae" else "adapted_sae"
+        other_axes = "iso" if axes == "adapted_sae" else "adapted_sae"
         raise InputError(
             f"{path}:{entries['PKY1'].line}: PKY1 {entries['PKY1'].text} has the wrong sign for {axes} axes: the "
-            f"lateral force would push the tyre on; if the file's axes are others, say `axes: {other}`"
+            f"lateral force would push the tyre on; if the file's axes are others, say `axes: {other_axes}`"
         )
     return coefficients
 
@@ -254,9 +254,9 @@ def _merge(data: dict[str, Any], changes: Mapping[str, Any]) -> None:
 
 def _fault(path: Path, entries: Mapping[str, _Entry], fault: Any) -> str:
     name = str(fault["loc"][-1]) if fault["loc"] else ""
-    key = next((key for key, (own, _) in _DIMENSIONAL.items() if own == name), name.upper())
+    key = next((key for key, (field, _) in _DIMENSIONAL.items() if field == name), name.upper())
     if fault["type"] == "missing":
         return f"{path}: {key or 'a section'} is missing; add it"
-    where = f"{path}:{entries[key].line}: {key}: " if key in entries else f"{path}: {f'{name}: ' if name else ''}"
-    found = f", found {fault['input']!r}" if isinstance(fault["input"], str | int | float) else ""
-    return f"{where}{fault['msg'].removeprefix('Value error, ')}{found}"
+    place = f"{path}:{entries[key].line}: {key}: " if key in entries else f"{path}: {f'{name}: ' if name else ''}"
+    value = f", found {fault['input']!r}" if isinstance(fault["input"], str | int | float) else ""
+    return f"{place}{fault['msg'].removeprefix('Value error, ')}{value}"

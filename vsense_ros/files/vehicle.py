@@ -162,9 +162,9 @@ def _spelt_out(node: Any) -> Any:
     """A copy with its own of everything that aliases and merges stand for; what is merged comes first, as comments
     behind the last key stay there."""
     if isinstance(node, CommentedMap):
-        own = dict(node.non_merged_items())
-        merged = {key: value for key, value in node.items() if key not in own}
-        copy: Any = CommentedMap({key: _spelt_out(value) for key, value in (merged | own).items()})
+        own_items = dict(node.non_merged_items())
+        merged = {key: value for key, value in node.items() if key not in own_items}
+        copy: Any = CommentedMap({key: _spelt_out(value) for key, value in (merged | own_items).items()})
     elif isinstance(node, CommentedSeq):
         copy = CommentedSeq(map(_spelt_out, node))
     else:
@@ -194,17 +194,17 @@ def _resolved(path: Path, tree: CommentedMap) -> Any:
             continue
         data = tree["physics"][axle]["tyre"].lc.data or {}
         line = data["tir"][0] + 1 if "tir" in data else "?"
-        where = f"{path}:{line}: physics.{axle}.tyre.tir"
+        place = f"{path}:{line}: physics.{axle}.tyre.tir"
         if tyre.get("model") != "magic_formula":
-            raise InputError(f"{where}: only a tyre of `model: magic_formula` is read from a .tir file")
+            raise InputError(f"{place}: only a tyre of `model: magic_formula` is read from a .tir file")
         axes = tyre.get("axes", "iso")
         if axes not in ("iso", "adapted_sae"):
-            raise InputError(f"{where}: axes: expected iso or adapted_sae, found {axes!r}")
+            raise InputError(f"{place}: axes: expected iso or adapted_sae, found {axes!r}")
         changes = {key: value for key, value in tyre.items() if key not in ("tir", "axes")}
         try:
             part["tyre"] = read_tir(path.parent / str(tyre["tir"]), axes, changes).model_dump()
         except InputError as error:
-            raise InputError(f"{where}: {error}") from None
+            raise InputError(f"{place}: {error}") from None
     return plain
 
 
@@ -215,9 +215,9 @@ def _fill_deviations(plain: Any) -> None:
     if not isinstance(parameters, dict) or not isinstance(uncertainty, dict):
         return
     for name, settings in parameters.items():
-        known = uncertainty.get(f"physics.{name}")
-        if isinstance(settings, dict) and isinstance(known, dict) and "deviation" in known:
-            settings.setdefault("deviation", known["deviation"])
+        stated = uncertainty.get(f"physics.{name}")
+        if isinstance(settings, dict) and isinstance(stated, dict) and "deviation" in stated:
+            settings.setdefault("deviation", stated["deviation"])
 
 
 def _plain(node: Any) -> Any:
@@ -235,18 +235,18 @@ def _plain(node: Any) -> Any:
 def _fault(path: Path, tree: CommentedMap, fault: Any) -> str:
     """Message of one line for one fault: file, line and key, what was expected and what was found."""
     line, keys = _place(tree, fault)
-    where = f"{path}:{line}: {'.'.join(keys) or 'file'}"
+    place = f"{path}:{line}: {'.'.join(keys) or 'file'}"
     model, field = _field(fault["loc"])
-    found = _shown(fault["input"])
+    value = _shown(fault["input"])
     if fault["type"] == "missing":
-        wanted = field.description if field and field.description else "a value"
-        return f"{where}: missing; expected {wanted}{_range(field)}"
+        expected = field.description if field and field.description else "a value"
+        return f"{place}: missing; expected {expected}{_range(field)}"
     if fault["type"] == "extra_forbidden":
-        known = f"; known here: {', '.join(model.model_fields)}" if model else ""
-        return f"{where}: unknown key, found {found}{known}"
+        known_keys = f"; known here: {', '.join(model.model_fields)}" if model else ""
+        return f"{place}: unknown key, found {value}{known_keys}"
     message = fault["msg"].removeprefix("Value error, ")
-    inside = "" if isinstance(fault["input"], dict) else f", found {found}"
-    return f"{where}: {message[:1].lower() + message[1:]}{inside}{_range(field)}"
+    inside = "" if isinstance(fault["input"], dict) else f", found {value}"
+    return f"{place}: {message[:1].lower() + message[1:]}{inside}{_range(field)}"
 
 
 def _place(tree: CommentedMap, fault: Any) -> tuple[int, list[str]]:
@@ -281,10 +281,10 @@ def _line(places: Any, key: Any, default: int) -> int:
     return places[key][0] + 1 if places and key in places else default
 
 
-def _shown(found: Any) -> str:
-    if isinstance(found, dict | list):
-        return "a mapping" if isinstance(found, dict) else f"a list of {len(found)}"
-    return "nothing" if found is None else repr(found)
+def _shown(value: Any) -> str:
+    if isinstance(value, dict | list):
+        return "a mapping" if isinstance(value, dict) else f"a list of {len(value)}"
+    return "nothing" if value is None else repr(value)
 
 
 def _field(location: tuple[Any, ...]) -> tuple[type[BaseModel] | None, FieldInfo | None]:

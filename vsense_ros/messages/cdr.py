@@ -79,7 +79,7 @@ def encode(sample: Sample) -> bytes:
         values = {name: np.atleast_1d(value) for name, value in values.items()}
         message = _filled(sample, np.array([sample.stamp]), values).tobytes()
         layout = layout_of(_strings_of(sample, values))
-        if not layout.others:
+        if not layout.other_fields:
             _remember(_of_samples, key, layout)
         return message
     data = bytearray(layout.template)
@@ -111,9 +111,9 @@ def decode(kind: str, data: bytes, topic: str = "", received: int | None = None)
         name: np.frombuffer(data, np.float64, (end - begin) // 8, begin).copy()
         for name, (begin, end) in layout.wide.items()
     }
-    if layout.others:
+    if layout.other_fields:
         row = np.frombuffer(data, layout.dtype, 1)[0]
-        values |= {name: np.array(row[name], dtype=np.float64) for name in layout.others}
+        values |= {name: np.array(row[name], dtype=np.float64) for name in layout.other_fields}
     for name in layout.empty:
         values[name] = np.zeros(0)
     strings = layout.strings

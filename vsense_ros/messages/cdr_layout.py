@@ -79,7 +79,7 @@ class Layout:
         return {name: (at, at + 8 * n) for name, (format_, n, at) in self.offsets.items() if format_ == "<f8"}
 
     @cached_property
-    def others(self) -> tuple[str, ...]:
+    def other_fields(self) -> tuple[str, ...]:
         """All other fields that are no part of the stamp."""
         return tuple(name for name in self.offsets if name not in self.wide and name not in ("sec", "nanosec"))
 
@@ -123,11 +123,11 @@ def _primitives(kind: str) -> tuple[tuple[str, int, str], ...]:
     def walk(name: str, path: str) -> Iterable[tuple[str, int, str]]:
         for field_type, field in definitions.fields(name):
             inner, _, bracket = field_type.partition("[")
-            here = f"{path}.{field}" if path else field
+            field_path = f"{path}.{field}" if path else field
             if definitions.is_message(inner):
-                yield from walk(inner, here)
+                yield from walk(inner, field_path)
             else:
-                yield inner, int(bracket[:-1] or 0) if bracket else 1, here
+                yield inner, int(bracket[:-1] or 0) if bracket else 1, field_path
 
     return tuple(walk(kind, ""))
 
@@ -182,8 +182,8 @@ def layout_of(strings: Strings) -> Layout:
         field = path.rpartition(".")[2] if path.startswith("header.") else _field_at(strings.kind, path)
         if field is None:
             raise LookupError(f"{strings.kind}: {path} belongs to no number field")
-        _, known, begin = offsets.get(field, ("", 0, len(data)))
-        offsets[field] = _FORMATS[primitive], known + count, begin
+        _, count_before, begin = offsets.get(field, ("", 0, len(data)))
+        offsets[field] = _FORMATS[primitive], count_before + count, begin
         data.extend(b"\0" * (size * count))
     return Layout(strings, bytes(data), offsets, np.array(fixed))
 

@@ -61,8 +61,8 @@ def columns_of(topic: str, kind: str, names: tuple[str, ...], fields: Mapping[st
     Components that are absent in all messages (NaN) are left out.
     """
     is_joints = kind == "sensor_msgs/msg/JointState"
-    found = _joints(topic, names, fields) if is_joints else _components(topic, kind, fields)
-    return tuple(column for column in found if not column.is_absent)
+    columns = _joints(topic, names, fields) if is_joints else _components(topic, kind, fields)
+    return tuple(column for column in columns if not column.is_absent)
 
 
 def _components(topic: str, kind: str, fields: Mapping[str, Array]) -> list[Column]:
@@ -70,16 +70,16 @@ def _components(topic: str, kind: str, fields: Mapping[str, Array]) -> list[Colu
     if vector is not None:
         parts = zip(vector, fields["vector"].T, strict=True)
         return [Column(f"{topic}/{name}", unit, value) for (name, unit), value in parts]
-    found = []
+    columns = []
     for field, (axes, unit) in _COMPONENTS[kind].items():
         if field in fields:
             for axis, value in zip(axes, fields[field].T, strict=True):
-                found.append(Column(f"{topic}/{field}{'.' if axis else ''}{axis}", unit, value))
-    return found
+                columns.append(Column(f"{topic}/{field}{'.' if axis else ''}{axis}", unit, value))
+    return columns
 
 
 def _joints(topic: str, names: tuple[str, ...], fields: Mapping[str, Array]) -> list[Column]:
-    found = []
+    columns = []
     are_parameters = _ends(topic, _PARAMETERS)
     for field, unit in _JOINTS.items():
         values = fields.get(field)
@@ -87,10 +87,10 @@ def _joints(topic: str, names: tuple[str, ...], fields: Mapping[str, Array]) -> 
             continue
         for name, value in zip(names, values.T, strict=True):
             if are_parameters:
-                found.append(Column(f"{topic}/{name}{'_sigma' if field == 'velocity' else ''}", "", value))
+                columns.append(Column(f"{topic}/{name}{'_sigma' if field == 'velocity' else ''}", "", value))
             else:
-                found.append(Column(f"{topic}/{field}.{name}", _unit_of_joint(topic, field, unit), value))
-    return found
+                columns.append(Column(f"{topic}/{field}.{name}", _unit_of_joint(topic, field, unit), value))
+    return columns
 
 
 def _unit_of_joint(topic: str, field: str, unit: str) -> str:

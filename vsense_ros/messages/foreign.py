@@ -33,9 +33,9 @@ class _Cursor:
     def numbers(self, code: str, count: int) -> tuple[float, ...]:
         size = struct.calcsize(code)
         self.at += -(self.at - len(HEADER)) % size
-        found = struct.unpack_from(f"<{count}{code}", self.data, self.at)
+        values = struct.unpack_from(f"<{count}{code}", self.data, self.at)
         self.at += size * count
-        return found
+        return values
 
     def stamp(self) -> int:
         seconds, nanoseconds = int(self.numbers("i", 1)[0]), int(self.numbers("I", 1)[0])
@@ -133,11 +133,11 @@ def converted(
 
     `payloads` are CDR bytes, `received` (n,) their times of arrival [ns].
     """
-    read, make = _FOREIGN[kind]
+    read_message, make = _FOREIGN[kind]
     rows, stamps, numbers, frame = [], [], [], ""
     for row, payload in enumerate(payloads):
         try:
-            stamp, frame, values = read(bytes(payload))
+            stamp, frame, values = read_message(bytes(payload))
         except struct.error:
             continue
         rows.append(row)
@@ -146,7 +146,7 @@ def converted(
     damaged = len(payloads) - len(rows)
     if not rows:
         return None, damaged
-    made, columns, names = make(np.array(numbers, dtype=np.float64))
-    child = "base_link" if made == "nav_msgs/msg/Odometry" else ""
+    ros_type, columns, names = make(np.array(numbers, dtype=np.float64))
+    child = "base_link" if ros_type == "nav_msgs/msg/Odometry" else ""
     stamp_array = np.array(stamps, dtype=np.int64)
-    return Channel(topic, made, stamp_array, received[rows], columns, frame, names, child), damaged
+    return Channel(topic, ros_type, stamp_array, received[rows], columns, frame, names, child), damaged

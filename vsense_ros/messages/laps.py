@@ -76,12 +76,12 @@ def _passes(x: Array, y: Array) -> list[int]:
     way = np.array([x[first + ahead] - x[first], y[first + ahead] - y[first]])
     along = np.cos(course - np.arctan2(way[1], way[0]))
     off = np.hypot(x - x[first], y - y[first])
-    there = (off < SETTINGS.near) & (along > SAME_WAY)
-    found = [first]
+    at_begin = (off < SETTINGS.near) & (along > SAME_WAY)
+    passes = [first]
     while True:
-        later = np.flatnonzero(there[found[-1] + round(SETTINGS.shortest / SETTINGS.step) :])
+        later = np.flatnonzero(at_begin[passes[-1] + round(SETTINGS.shortest / SETTINGS.step) :])
         if not len(later):
-            return found
-        begin = found[-1] + round(SETTINGS.shortest / SETTINGS.step) + int(later[0])
+            return passes
+        begin = passes[-1] + round(SETTINGS.shortest / SETTINGS.step) + int(later[0])
         end = begin + round(2 * SETTINGS.near / SETTINGS.step)
-        found.append(begin + int(np.argmin(off[begin:end])))
+        passes.append(begin + int(np.argmin(off[begin:end])))

@@ -125,15 +125,15 @@ class Channel:
         """The columns, with NaN in the rows in which a vector is absent: its covariance there begins with -1, as the
         definition of sensor_msgs/Imu has it. Of a car whose rates and accelerations are in two frames of its bus, each
         message has one of the vectors."""
-        found = dict(self.columns)
+        measured = dict(self.columns)
         for name, covariance in self.columns.items():
             field = name.removesuffix("_covariance")
-            if field == name or field not in found or covariance.shape[1] == 0:
+            if field == name or field not in measured or covariance.shape[1] == 0:
                 continue
             absent = covariance[:, 0] == -1
             if absent.any():
-                found[field] = np.where(absent[:, None], np.nan, found[field])
-        return found
+                measured[field] = np.where(absent[:, None], np.nan, measured[field])
+        return measured
 
     def table(self) -> Table:
         """The signals of the topic with their units, by time of measurement; without covariances. Of two messages with
@@ -262,13 +262,13 @@ class Recording:
 
     def digest(self, topics: Iterable[str] | None = None) -> bytes:
         """What distinguishes copies from other recordings: SHA-256 of stamps and values, on all topics or those."""
-        found = sha256()
+        digest = sha256()
         for topic in sorted(self.channels if topics is None else topics):
             channel = self.channels[topic]
-            found.update(topic.encode() + channel.stamp.tobytes())
+            digest.update(topic.encode() + channel.stamp.tobytes())
             for name, values in sorted(channel.columns.items()):
-                found.update(name.encode() + values.tobytes())
-        return found.digest()
+                digest.update(name.encode() + values.tobytes())
+        return digest.digest()
 
     def tables(self) -> tuple[Table, ...]:
         """A table for each topic that has messages: its signals with their units, over its own times."""

@@ -82,19 +82,24 @@ def canonical(text: str) -> str | None:
 
 def quantity_of(unit: str) -> str | None:
     """The quantity of a unit in any spelling; None where it is not known."""
-    found = canonical(unit)
-    return None if found is None else _KNOWN[found]
+    symbol = canonical(unit)
+    return None if symbol is None else _KNOWN[symbol]
 
 
 def to_si(unit: str) -> float:
     """Size in SI units of a unit in any spelling; `KeyError` where it is not known."""
-    found = canonical(unit)
-    if found is None:
+    symbol = canonical(unit)
+    if symbol is None:
         raise KeyError(unit)
-    return QUANTITIES[_KNOWN[found]][found]
+    return QUANTITIES[_KNOWN[symbol]][symbol]
 
 
-def contradiction(stated: str, said: str) -> bool:
+def contradiction(stated: str, declared: str) -> bool:
     """True if a source's own unit and one that somebody says it has are both known and not the same."""
-    one, other = canonical(stated), canonical(said)
-    return stated.strip() not in ("", "-", "1") and one is not None and other is not None and one != other
+    stated_symbol, declared_symbol = canonical(stated), canonical(declared)
+    return (
+        stated.strip() not in ("", "-", "1")
+        and stated_symbol is not None
+        and declared_symbol is not None
+        and stated_symbol != declared_symbol
+    )

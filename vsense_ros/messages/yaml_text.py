@@ -60,35 +60,35 @@ def load_file(path: str | Path) -> Any:
     return load(read_text(path), str(path))
 
 
-def load(text: str, where: str) -> Any:
+def load(text: str, place: str) -> Any:
     """The plain content of a YAML text; `where` begins the message of the `InputError` that is raised for what is no
     YAML or more than anybody would write."""
-    check(text, where)
+    check(text, place)
     try:
         return YAML(typ="safe", pure=True).load(text)
     except YAMLError as error:
-        raise InputError(f"{where}{_place(error)}: not valid YAML: {_problem(error)}") from None
+        raise InputError(f"{place}{_place(error)}: not valid YAML: {_problem(error)}") from None
     except (RecursionError, ValueError, OverflowError, TypeError, ArithmeticError) as error:
-        raise InputError(f"{where}: not valid YAML: {error}") from None
+        raise InputError(f"{place}: not valid YAML: {error}") from None
 
 
-def check(text: str, where: str) -> None:
+def check(text: str, place: str) -> None:
     """Raise `InputError` for a text that would be too much to load, whatever loads it."""
     if len(text) > LIMITS.largest_text:
         raise InputError(
-            f"{where}: longer than {LIMITS.largest_text >> 20} MiB; expected a YAML file that people write"
+            f"{place}: longer than {LIMITS.largest_text >> 20} MiB; expected a YAML file that people write"
         )
     if "&" not in text and _shallow(text) and not _LONG_NUMBER.search(text):
         return
     try:
-        _measure(text, where)
+        _measure(text, place)
     except YAMLError as error:
-        raise InputError(f"{where}{_place(error)}: not valid YAML: {_problem(error)}") from None
+        raise InputError(f"{place}{_place(error)}: not valid YAML: {_problem(error)}") from None
     except RecursionError:
-        raise InputError(f"{where}: nested more than {LIMITS.deepest} levels deep") from None
+        raise InputError(f"{place}: nested more than {LIMITS.deepest} levels deep") from None
 
 
-def _measure(text: str, where: str) -> None:
+def _measure(text: str, place: str) -> None:
     """Count the nodes of a text with its aliases spelt out. Raises `InputError` if it is too large or too deep."""
     sizes: dict[str, int] = {}  # of anchors: nodes below them
     open_: list[tuple[str | None, int]] = []  # anchors and nodes so far of the collections around
@@ -98,7 +98,7 @@ def _measure(text: str, where: str) -> None:
         if isinstance(event, CollectionStartEvent):
             open_.append((event.anchor, total))
             if len(open_) > LIMITS.deepest:
-                raise InputError(f"{where}:{line}: nested more than {LIMITS.deepest} levels deep")
+                raise InputError(f"{place}:{line}: nested more than {LIMITS.deepest} levels deep")
             total += 1
         elif isinstance(event, CollectionEndEvent):
             anchor, before = open_.pop()
@@ -106,16 +106,16 @@ def _measure(text: str, where: str) -> None:
                 sizes[anchor] = total - before
         elif isinstance(event, AliasEvent):
             if event.anchor in {anchor for anchor, _ in open_}:
-                raise InputError(f"{where}:{line}: *{event.anchor} stands within what it stands for")
+                raise InputError(f"{place}:{line}: *{event.anchor} stands within what it stands for")
             total += sizes.get(event.anchor, 1)
         elif isinstance(event, ScalarEvent):
             total += 1
             if event.anchor is not None:
                 sizes[event.anchor] = 1
             if event.implicit[0] and _LONG_NUMBER.fullmatch(event.value):
-                raise InputError(f"{where}:{line}: a number of {len(event.value)} characters")
+                raise InputError(f"{place}:{line}: a number of {len(event.value)} characters")
         if total > LIMITS.most_nodes:
-            raise InputError(f"{where}:{line}: stands for more than {LIMITS.most_nodes} values, aliases spelt out")
+            raise InputError(f"{place}:{line}: stands for more than {LIMITS.most_nodes} values, aliases spelt out")
 
 
 def _shallow(text: str) -> bool:
