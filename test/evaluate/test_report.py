@@ -267,7 +267,7 @@ def test_scores_are_shown_in_the_units_people_read():
         *("0.157°", "–", "–", "–"),
         *("3.46", "-0.012°", "-12.3"),
     )
-    sure = replace(found, within_2s=0.42, nees=7.31, known=0.5)
+    sure = replace(found, within_2s=0.42, nees=7.31, known_share=0.5)
     assert score_cells("side_slip", sure, ("zero", replace(found, rmse=np.radians(1.23))))[:4] == (
         *("0.157° in 50 %", "42 %", "7.31", "1.23° (zero)"),
     )

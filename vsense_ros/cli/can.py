@@ -38,11 +38,11 @@ def can(log: Path, databases: tuple[Path, ...], output: Path | None, every: bool
     if output is not None and not databases:
         raise InputError("--output needs a database (--dbc FILE): without it nothing says what the bytes mean")
     with waiting(f"reading {log.name}"):
-        found = survey_can(log, databases)
-    show(found.survey, found.roles, console(), every=every)
+        content = survey_can(log, databases)
+    show(content.survey, content.roles, console(), every=every)
     if output is None:
         return
-    text = found.mapping()
+    text = content.mapping()
     with atomic_write(output) as file:
         file.write(text)
     say(f"Mapping written to {output}: look at its comments, then `vsense import` takes it with --mapping.")

@@ -54,7 +54,7 @@ def characterise(car_or_recordings: tuple[str, ...], vehicle: str | None, out: P
             drives = job.drive_tests(car, done)
         title = car.name
     else:
-        paths = [Path(one) for one in car_or_recordings]
+        paths = [Path(argument) for argument in car_or_recordings]
         for path in paths:
             if not path.exists():
                 raise InputError(f"{path}: neither a recording nor a vehicle file, nor the name of one in {folder}")

@@ -37,11 +37,11 @@ class StretchType(click.ParamType):
         if isinstance(value, Stretch):
             return value
         try:
-            found = Stretch.parse(value)
+            stretch = Stretch.parse(value)
         except InputError as error:
             self.fail(str(error), param, ctx)
-        EXISTING.convert(str(found.path), param, ctx)
-        return found
+        EXISTING.convert(str(stretch.path), param, ctx)
+        return stretch
 
 
 STRETCH = StretchType()
@@ -73,12 +73,12 @@ class GroupedCommands(Commands):
     headings: Mapping[str, Sequence[str]] = {}  # names of commands by heading
 
     def format_commands(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
-        known = {name: command for name, command in self.commands.items() if not command.hidden}
+        shown = {name: command for name, command in self.commands.items() if not command.hidden}
         listed = {name for names in self.headings.values() for name in names}
-        others = sorted(set(known) - listed)
-        width = max(map(len, known), default=0)
-        for heading, names in [*self.headings.items(), ("Other", others)]:
-            rows = [(name.ljust(width), known[name].get_short_help_str(10_000)) for name in names if name in known]
+        unlisted = sorted(set(shown) - listed)
+        width = max(map(len, shown), default=0)
+        for heading, names in [*self.headings.items(), ("Other", unlisted)]:
+            rows = [(name.ljust(width), shown[name].get_short_help_str(10_000)) for name in names if name in shown]
             if rows:
                 with formatter.section(heading):
                     formatter.write_dl(rows)

@@ -133,11 +133,11 @@ def smooth(bag: Path, vehicle: str, out: Path | None, mend: bool) -> None:
 
     task = _prepared(bag, load_car(vehicle), mend)
     with progress(f"smoothing {task.recording.name}") as done:
-        found = smooth_task(task, done)
-    titles = ("RMSE against the reference", "in 2σ", "NEES") if found.scores else ()
+        smoothed = smooth_task(task, done)
+    titles = ("RMSE against the reference", "in 2σ", "NEES") if smoothed.scores else ()
     table = plain_table("signal", "standard deviation (median)", *titles)
-    for name, deviation in found.deviations.items():
-        signal, score = SIGNALS[name], found.scores.get(name)
+    for name, deviation in smoothed.deviations.items():
+        signal, score = SIGNALS[name], smoothed.scores.get(name)
         cells = [f"{deviation * signal.shown_per_unit:.3g} {signal.shown_unit}"]
         if score is not None and score.within_2s is not None and score.nees is not None:
             rmse = f"{score.rmse * signal.shown_per_unit:.3g} {signal.shown_unit}"
@@ -145,14 +145,14 @@ def smooth(bag: Path, vehicle: str, out: Path | None, mend: bool) -> None:
         table.add_row(signal.label, *cells)
     console().print(table)
     table = plain_table("parameter of sensors or car", "value", "±", "unit", right=("value", "±"))
-    for name, (value, deviation) in found.parameters.items():
+    for name, (value, deviation) in smoothed.parameters.items():
         table.add_row(name.replace("_", " "), f"{value:.4g}", f"{deviation:.2g}", UNITS[name])
     console().print(table)
     folder = out if out is not None else Path("out") / "smooth" / task.recording.name
     folder.parent.mkdir(parents=True, exist_ok=True)
-    write_bag(folder, found.recording, overwrite=out is None)
-    if found.change > UNSETTLED:
-        warn(f"the last iteration still moved a state by {found.change:.1f} of its standard deviation")
+    write_bag(folder, smoothed.recording, overwrite=out is None)
+    if smoothed.change > UNSETTLED:
+        warn(f"the last iteration still moved a state by {smoothed.change:.1f} of its standard deviation")
     say(f"Written to {folder}. Compare with it: vsense run {folder} --vehicle {vehicle} --against smoothed")
 
 
@@ -172,8 +172,8 @@ def filters(every: bool) -> None:
     from vsense_ros.estimation.catalogue import described
     from vsense_ros.evaluate.terminal import console
 
-    known = every_filter()
-    console().print(described(known if every else known.recommended))
+    catalogue = every_filter()
+    console().print(described(catalogue if every else catalogue.recommended))
 
 
 COMMANDS = (run, smooth, filters)

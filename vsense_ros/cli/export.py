@@ -129,8 +129,8 @@ def _export_filter(car: Vehicle, name: str, output: Path, prefix: str, check: Pa
     from vsense_ros.export import filters, filters_check
 
     with waiting("writing C"):
-        written = filters.write(car, name, output, prefix, single=single)
-    say(f"Written to {output}: {', '.join(file.name for file in written)}.")
+        files = filters.write(car, name, output, prefix, single=single)
+    say(f"Written to {output}: {', '.join(file.name for file in files)}.")
     if check is None:
         return
     with TemporaryDirectory() as place, progress("comparing") as done:
@@ -251,20 +251,20 @@ def export_compare(bag: Path, vehicle: str, chosen: str | None, seconds: float |
         with waiting("writing and compiling C and the unit"):
             built = side_by_side.build(car, Path(place))
         with progress("comparing") as done:
-            found = side_by_side.compare(car, built, recording, done)
-    headings = [f"{a} - {b}, {what}" for a, b in found.pairs for what in ("RMS", "largest")]
+            comparison = side_by_side.compare(car, built, recording, done)
+    headings = [f"{a} - {b}, {measure}" for a, b in comparison.pairs for measure in ("RMS", "largest")]
     table = plain_table("output", "unit", *headings, right=headings)
     table.columns[0].no_wrap = True
-    columns = [column for pair in found.pairs for column in found.apart(pair)]
-    for i, (name, unit) in enumerate(found.outputs):
+    columns = [column for pair in comparison.pairs for column in comparison.apart(pair)]
+    for i, (name, unit) in enumerate(comparison.outputs):
         table.add_row(name, unit, *(f"{column[i]:.1e}" for column in columns))
     console().print(table)
     times = plain_table("computed by", "step", right=["step"])
-    for name, each in found.seconds.items():
-        times.add_row(name, f"{each * 1e6:.0f} µs")
+    for name, seconds_of_step in comparison.seconds.items():
+        times.add_row(name, f"{seconds_of_step * 1e6:.0f} µs")
     console().print(times)
-    say(f"{found.steps} steps of {recording.name or bag.name}.")
-    if side_by_side.UNIT not in found.values:
+    say(f"{comparison.steps} steps of {recording.name or bag.name}.")
+    if side_by_side.UNIT not in comparison.values:
         say("The FMU was left out: FMPy is not installed (pip install 'vsense_ros[fmu]').")
 
 

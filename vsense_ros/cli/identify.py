@@ -63,9 +63,9 @@ def identify(
     drives, proof = read_all(recordings, held_out)
     report.mkdir(parents=True, exist_ok=True)
     with progress("identifying") as done:
-        found = identified(drives, car, model=model, free=free, hold_out=proof, progress=done)  # type: ignore[call-overload]
-    write_identification(found, report)
-    found.show(console())
+        identification = identified(drives, car, model=model, free=free, hold_out=proof, progress=done)  # type: ignore[call-overload]
+    write_identification(identification, report)
+    identification.show(console())
     say(f"Written to {report}: vehicle.yaml, report.html, identification.json.")
 
 

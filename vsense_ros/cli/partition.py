@@ -47,21 +47,21 @@ def partition(vehicle: str, device: str, full: bool, iterations: float | None) -
     table = plain_table("kernel", "calls", "processor saves", "accelerator", "variant", "gain a step", right=("calls",))
     for name, choice in result.best.items():
         use = choice.use
-        each = 1e6 * board.link.seconds(choice.cycles + board.link.cycles(use.kernel))
+        accelerator_us = 1e6 * board.link.seconds(choice.cycles + board.link.cycles(use.kernel))
         table.add_row(
-            name, f"{use.calls:g}", f"{board.processor_us(use.flop):.2f} µs", f"{each:.2f} µs", choice.variant,
-            f"{choice.gain_us:+.1f} µs",
+            name, f"{use.calls:g}", f"{board.processor_us(use.flop):.2f} µs", f"{accelerator_us:.2f} µs",
+            choice.variant, f"{choice.gain_us:+.1f} µs",
         )  # fmt: skip
     console().print(table)
     if not result.chosen:
         say("Nothing is recommended: no kernel that fits gains more than its link costs.")
         return
     names = ", ".join(f"{choice.use.kernel.name} ({choice.variant})" for choice in result.chosen)
-    needed = ", ".join(
+    resources = ", ".join(
         f"{sum(c.resources[r] for c in result.chosen)} of {getattr(board, r)} {r.upper()}" for r in job.RESOURCES
     )
     say(f"Recommended: {names}. The whole gains {result.gain_us:.0f} µs a step: {result.speed_up:.3f} times as fast.")
-    say(f"Needed: {needed}.")
+    say(f"Needed: {resources}.")
 
 
 COMMANDS = (partition,)

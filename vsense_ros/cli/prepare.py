@@ -118,12 +118,12 @@ def check(context: click.Context, vehicle: str, recordings: tuple[Path, ...], as
     from vsense_ros.api.preparation import check as checked
     from vsense_ros.evaluate.terminal import console
 
-    found = checked(vehicle, recordings)
+    result = checked(vehicle, recordings)
     if as_json:
-        click.echo(json.dumps(found.as_dict(), indent=2))
+        click.echo(json.dumps(result.as_dict(), indent=2))
     else:
-        found.show(console())
-    context.exit(0 if found.is_good else DOUBTFUL)
+        result.show(console())
+    context.exit(0 if result.is_good else DOUBTFUL)
 
 
 @click.command()
@@ -159,12 +159,12 @@ def calibrate(recordings: tuple[Path, ...], vehicle: str, output: Path | None, a
     if target.exists() and target.resolve() == source.resolve():
         raise InputError(f"{target} is the vehicle file itself; give another name with --output")
     with waiting("calibrating"):
-        found = calibrated(recordings, car)
-    write_calibration(found, target, source)
+        calibration = calibrated(recordings, car)
+    write_calibration(calibration, target, source)
     if as_json:
-        click.echo(json.dumps(report.as_dict(found), indent=2))
+        click.echo(json.dumps(report.as_dict(calibration), indent=2))
         return
-    found.show(console())
+    calibration.show(console())
     say(f"Written to {target}. Next: vsense identify RECORDING... --vehicle {target}, or vsense run.")
 
 

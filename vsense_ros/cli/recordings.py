@@ -82,21 +82,21 @@ def import_(
         return
     if not sources:
         raise InputError(f"{out}: expected a recording and the bag to write, found one of the two")
-    given = list(mappings)
+    unused_mappings = list(mappings)
     recordings = []
     following: Iterator[Recording] = iter(())  # pieces of a large file behind the first one
     for source in sources:
         with_dbc: dict[str, Any] = {"dbc": databases} if databases else {}
         importer = find_importer(source, {**options, **with_dbc})
-        own = {**options, **_own_files(importer, with_dbc, given, len(sources) == 1)}
+        source_options = {**options, **_own_files(importer, with_dbc, unused_mappings, len(sources) == 1)}
         with waiting(f"importing {source.name}"):
             if len(sources) > 1:
-                recordings.append(import_recording(source, **own))
+                recordings.append(import_recording(source, **source_options))
             else:
-                following = import_pieces(source, **own)
+                following = import_pieces(source, **source_options)
                 recordings.append(next(following))
-    if given:
-        raise InputError(f"{given[0]}: a mapping more than there are sources that take one")
+    if unused_mappings:
+        raise InputError(f"{unused_mappings[0]}: a mapping more than there are sources that take one")
     with waiting(f"writing {out.name}"):
         recording = joined(recordings, keep_times=keep_times) if len(recordings) > 1 else recordings[0]
         write_pieces(out, chain([recording], following), overwrite=overwrite)
@@ -106,17 +106,19 @@ def import_(
     say(f"Written to {out}.")
 
 
-def _own_files(importer: Importer, with_dbc: dict[str, Any], given: list[Path], alone: bool) -> dict[str, Any]:
+def _own_files(
+    importer: Importer, with_dbc: dict[str, Any], unused_mappings: list[Path], alone: bool
+) -> dict[str, Any]:
     """Databases and mappings for one source, which are taken out of the mappings that are `given`; one that is `alone`
     gets them in any case, so that its importer says what it cannot use."""
-    own = with_dbc if "dbc" in importer.options or alone else {}
-    if not given or not ("mapping" in importer.options or alone):
-        return dict(own)
-    databases = own.get("dbc", ())
-    count = len(databases) if len(given) >= len(databases) > 1 else 1
-    taken = tuple(given[:count]) if count > 1 else given[0]
-    del given[:count]
-    return {**own, "mapping": taken}
+    source_options = with_dbc if "dbc" in importer.options or alone else {}
+    if not unused_mappings or not ("mapping" in importer.options or alone):
+        return dict(source_options)
+    databases = source_options.get("dbc", ())
+    count = len(databases) if len(unused_mappings) >= len(databases) > 1 else 1
+    chosen = tuple(unused_mappings[:count]) if count > 1 else unused_mappings[0]
+    del unused_mappings[:count]
+    return {**source_options, "mapping": chosen}
 
 
 def _propose(sources: tuple[Path, ...], dbc: Path | None) -> None:
@@ -164,8 +166,8 @@ def info(bag: Path, mappings: tuple[Path, ...], databases: tuple[str, ...]) -> N
     if mappings:
         options["mapping"] = mappings if len(mappings) > 1 else mappings[0]
     with waiting(f"reading {bag.name}"):
-        found = examined(bag, **options)
-    found.show(console())
+        content = examined(bag, **options)
+    content.show(console())
 
 
 @click.group(invoke_without_command=True, cls=Commands)

@@ -153,10 +153,10 @@ def compile_models(vehicles: tuple[str, ...], chosen: str | None) -> None:
         )
     for name in vehicles:
         car = load_car(name)
-        began = time.perf_counter()
+        begin = time.perf_counter()
         with waiting(f"compiling {car.name}"):
             Runner(car, None, every_filter()[chosen].make if chosen else None)
-        say(f"{car.name}: compiled in {time.perf_counter() - began:.1f} s, kept in {compiled_folder()}.")
+        say(f"{car.name}: compiled in {time.perf_counter() - begin:.1f} s, kept in {compiled_folder()}.")
 
 
 COMMANDS = (tyres, suspension, schema, urdf, compile_models)

@@ -63,7 +63,7 @@ def c_function(
     Matrices are column-major and have the elements that CasADi stores. Raises `NotImplementedError` for an operation
     that C's library lacks.
     """
-    operations = {one.operation for one in instructions(function)}
+    operations = {instruction.operation for instruction in instructions(function)}
     if ca.OP_MTIMES in operations and multiplies(function, 1):
         return _matrices(function, results, name or function.name(), corners)
     return _scalars(function, results, name or function.name(), corners)
@@ -73,14 +73,14 @@ def _scalars(function: ca.Function, results: Sequence[str], name: str, corners: 
     """A function of scalars, with loops over the corners if it has some."""
     plain = codegen.expanded(function)
     arguments = [plain.name_in(i) for i in range(plain.n_in())]
-    known = {} if corners is None else corners.known_of(plain)
-    values = values_of(plain, known)
+    known_values = {} if corners is None else corners.known_of(plain)
+    values = values_of(plain, known_values)
     packing = Packing(values) if corners is None else packed(values, arguments, corners.alike)
     text = CornerLoops(packing, arguments, results, _form)
     body = text.statements()
-    unused = [f"(void){word};" for i, word in enumerate(arguments) if i not in text.read and i not in known]
+    unused = [f"(void){word};" for i, word in enumerate(arguments) if i not in text.read and i not in known_values]
     unused += [f"(void){word};" for i, word in enumerate(results) if not plain.nnz_out(i)]
-    return _written(function, results, name, [*unused, *body], known)
+    return _written(function, results, name, [*unused, *body], known_values)
 
 
 def _form(operation: int, logical: bool) -> str:
@@ -95,16 +95,16 @@ def _form(operation: int, logical: bool) -> str:
 
 
 def _written(
-    function: ca.Function, results: Sequence[str], name: str, body: Sequence[str], known: Container[int] = ()
+    function: ca.Function, results: Sequence[str], name: str, body: Sequence[str], known_arguments: Container[int] = ()
 ) -> str:
     """The text of a function with these statements, and without arguments that are `known`."""
-    arguments = {i: function.name_in(i) for i in range(function.n_in()) if i not in known}
+    arguments = {i: function.name_in(i) for i in range(function.n_in()) if i not in known_arguments}
     parameters = [f"const double *{argument}" for argument in arguments.values()]
     parameters += [f"double *{result}" for result in results]
     shapes = [f"{argument}[{function.nnz_in(i)}]" for i, argument in arguments.items()]
-    made = [_shape(result, function.sparsity_out(i)) for i, result in enumerate(results)]
+    result_shapes = [_shape(result, function.sparsity_out(i)) for i, result in enumerate(results)]
     lines = [
-        wrapped(f"/* {', '.join(shapes)} -> {', '.join(made)} */"),
+        wrapped(f"/* {', '.join(shapes)} -> {', '.join(result_shapes)} */"),
         wrapped(f"static void {name}({', '.join(parameters)}) {{"),
         *(wrapped(f"    {line}") for line in body),
         "}",
@@ -142,10 +142,12 @@ class _Matrices(MatrixPrinter):
         called, name = instruction.matrix.which_function(), f"{self._name}_{instruction.position}"
         outs = [called.name_out(k) for k in range(called.n_out())]
         self.before.append(c_function(called, outs, name, self._corners))
-        given = [argument or zeros(called.nnz_in(k)) for k, argument in enumerate(arguments) if argument != _KNOWN]
+        unknown_arguments = [
+            argument or zeros(called.nnz_in(k)) for k, argument in enumerate(arguments) if argument != _KNOWN
+        ]
         return [
             *(f"double {result}[{max(called.nnz_out(k), 1)}];" for k, result in enumerate(results)),
-            f"{name}({', '.join([*given, *results])});",
+            f"{name}({', '.join([*unknown_arguments, *results])});",
         ]
 
     def product(self, matrix: ca.MX, begin: str, left: str, right: str, name: str) -> list[str]:
@@ -181,8 +183,12 @@ class _Matrices(MatrixPrinter):
 def _matrices(function: ca.Function, results: Sequence[str], name: str, corners: native.Corners | None) -> str:
     """A function that calls others and multiplies what they make."""
     printer = _Matrices(function, results, name, corners)
-    body, known = printer.statements(function), printer.known
-    used = {word for line in body for word in re.findall(r"\w+", line)}
-    unused = (function.name_in(i) for i in range(function.n_in()) if i not in known and function.name_in(i) not in used)
-    text = _written(function, results, name, [*body, *(f"(void){word};" for word in unused)], known)
+    body, known_arguments = printer.statements(function), printer.known
+    words = {word for line in body for word in re.findall(r"\w+", line)}
+    unused = (
+        function.name_in(i)
+        for i in range(function.n_in())
+        if i not in known_arguments and function.name_in(i) not in words
+    )
+    text = _written(function, results, name, [*body, *(f"(void){word};" for word in unused)], known_arguments)
     return "\n".join([*printer.before, text])

@@ -15,11 +15,11 @@ Integers = ctypes.POINTER(ctypes.c_longlong)
 
 def beside(lanes: int, rows: int, *columns: Array) -> Array:
     """(rows, …, lanes): arrays (at most rows, …) of the runs, the last row of each again and again to the end."""
-    found = np.zeros((rows, *columns[0].shape[1:], lanes))
+    side_by_side = np.zeros((rows, *columns[0].shape[1:], lanes))
     for lane, column in enumerate(columns):
-        found[: len(column), ..., lane] = column
-        found[len(column) :, ..., lane] = column[-1:]
-    return found
+        side_by_side[: len(column), ..., lane] = column
+        side_by_side[len(column) :, ..., lane] = column[-1:]
+    return side_by_side
 
 
 def in_lanes(lanes: int, *values: Array) -> Array:

@@ -42,8 +42,8 @@ def compiler() -> str | None:
     if os.environ.get("VSENSE_COMPILE", "1") == "0":
         return None
     for name in (os.environ.get("CC", ""), "cc", "gcc", "clang"):
-        if name and (found := shutil.which(name)):
-            return found
+        if name and (path := shutil.which(name)):
+            return path
     return None
 
 
@@ -108,11 +108,11 @@ def compiled(name: str, functions: Sequence[ca.Function]) -> list[ca.Function]:
         return list(functions)
 
     def source() -> str:
-        ours: list[ca.Function] = []
-        others = ca.CodeGenerator("others.c", {"with_header": False})
+        own_functions: list[ca.Function] = []
+        casadi_code = ca.CodeGenerator("others.c", {"with_header": False})
         for function in functions:
-            (ours.append if native.can_write(function) else others.add)(function)
-        return native.source(ours) + (others.dump() if len(ours) < len(functions) else "")
+            (own_functions.append if native.can_write(function) else casadi_code.add)(function)
+        return native.source(own_functions) + (casadi_code.dump() if len(own_functions) < len(functions) else "")
 
     names = [function.name() for function in functions]
     return loaded(name, source, names, identity_of(functions)) or list(functions)
@@ -138,12 +138,12 @@ def loaded(name: str, source: Callable[[], str], names: Sequence[str], identity:
     if built is None:
         return None
     try:
-        made = [ca.external(function, str(built)) for function in names]
+        external_functions = [ca.external(function, str(built)) for function in names]
     except RuntimeError as error:  # a cache on a file system from which nothing may be executed, or a damaged file
         log.warning("%s cannot be loaded, continuing without compiled code: %s", built, str(error).splitlines()[-1])
         return None
-    _libraries.update(dict.fromkeys(made, built))
-    return made
+    _libraries.update(dict.fromkeys(external_functions, built))
+    return external_functions
 
 
 class Entry(ctypes.Structure):

@@ -41,9 +41,9 @@ class CornerLoops:
         self.last: dict[Step, int] = {}  # of vectors that are read when their loop is over, the last stage that does
         for step in self.order:
             if self._is_computed(step):
-                for made, whole in self._read_by(step):
-                    if whole or self.stages[step] > self.stages[made]:
-                        self.last[made] = max(self.last.get(made, 0), self.stages[step])
+                for operand, is_whole in self._read_by(step):
+                    if is_whole or self.stages[step] > self.stages[operand]:
+                        self.last[operand] = max(self.last.get(operand, 0), self.stages[step])
             if self._is_looped(step) and any(_place(e) is None for _, e in self._stores_of(step)):
                 self.last.setdefault(step, self.stages[step])
 
@@ -144,7 +144,7 @@ class CornerLoops:
         for i in range(max(map(len, lanes))):
             at = [lane[i] if i < len(lane) else (_UNPLACED, _UNPLACED) for lane in lanes]
             for result in dict.fromkeys(result for result, _ in at if result != _UNPLACED):
-                yield result, tuple(element if own == result else _UNPLACED for own, element in at)
+                yield result, tuple(element if of_corner == result else _UNPLACED for of_corner, element in at)
 
     def _form_of(self, value: int) -> str:
         return self.form(self.values.operations[value], self.values.is_logical(self.values.operands[value][0]))

@@ -46,14 +46,14 @@ def multiplies(function: ca.Function, least_rows: int) -> bool:
     `least_rows` on the left."""
     if not function.is_a("MXFunction", False):
         return False
-    for one in instructions(function):
-        if one.operation not in _OF_MATRICES:
+    for instruction in instructions(function):
+        if instruction.operation not in _OF_MATRICES:
             return False
-        if one.operation == ca.OP_MTIMES:
-            left = one.matrix.dep(1)
-            if not left.is_dense() or left.size1() < least_rows or not one.matrix.is_dense():
+        if instruction.operation == ca.OP_MTIMES:
+            left = instruction.matrix.dep(1)
+            if not left.is_dense() or left.size1() < least_rows or not instruction.matrix.is_dense():
                 return False
-        if one.operation == ca.OP_CONST and not one.matrix.is_zero():
+        if instruction.operation == ca.OP_CONST and not instruction.matrix.is_zero():
             return False
     return True
 
@@ -81,25 +81,25 @@ class MatrixPrinter(ABC):
         """The body of a function that `multiplies`."""
         lines: list[str] = []
         names: dict[int, str] = {}  # of what CasADi's variables hold
-        for one in instructions(function):
-            made = [f"m{one.position}_{k}" for k in range(len(one.write))]
-            given = [names[k] for k in one.read] if one.operation != ca.OP_INPUT else []
-            if one.operation == ca.OP_OUTPUT:
-                lines.append(self.output(one.write[0], given[0], function.nnz_out(one.write[0])))
+        for instruction in instructions(function):
+            results = [f"m{instruction.position}_{k}" for k in range(len(instruction.write))]
+            operands = [names[k] for k in instruction.read] if instruction.operation != ca.OP_INPUT else []
+            if instruction.operation == ca.OP_OUTPUT:
+                lines.append(self.output(instruction.write[0], operands[0], function.nnz_out(instruction.write[0])))
                 continue
-            if one.operation == ca.OP_INPUT:
-                made = [self.argument(one.read[0])]
-            elif one.operation == ca.OP_CONST:
-                made = [""]
-            elif one.operation == ca.OP_HORZSPLIT:
-                sizes = [one.matrix.get_output(k).nnz() for k in range(len(made))]
-                whole = given[0] or zeros(sum(sizes))
-                made = [f"({whole} + {sum(sizes[:k])})" for k in range(len(sizes))]
-            elif one.operation == ca.OP_CALL:
-                lines += self.call(one, given, made)
+            if instruction.operation == ca.OP_INPUT:
+                results = [self.argument(instruction.read[0])]
+            elif instruction.operation == ca.OP_CONST:
+                results = [""]
+            elif instruction.operation == ca.OP_HORZSPLIT:
+                sizes = [instruction.matrix.get_output(k).nnz() for k in range(len(results))]
+                split_vector = operands[0] or zeros(sum(sizes))
+                results = [f"({split_vector} + {sum(sizes[:k])})" for k in range(len(sizes))]
+            elif instruction.operation == ca.OP_CALL:
+                lines += self.call(instruction, operands, results)
             else:
-                begin, left, right = given
-                left, right = (name or zeros(one.matrix.dep(k).nnz()) for k, name in ((1, left), (2, right)))
-                lines += self.product(one.matrix, begin, left, right, made[0])
-            names |= dict(zip(one.write, made, strict=True))
+                begin, left, right = operands
+                left, right = (name or zeros(instruction.matrix.dep(k).nnz()) for k, name in ((1, left), (2, right)))
+                lines += self.product(instruction.matrix, begin, left, right, results[0])
+            names |= dict(zip(instruction.write, results, strict=True))
         return lines

@@ -112,10 +112,11 @@ class _Text:
         bodies, scalars, vectors = self._parts(parts)
         calls = "".join(f"    {self.name}_{place}(in, out, w, v);\n" for place in range(len(parts)))
         at_hand = (s for s in order if self.packing.is_at_hand(s) and s.vector is None and s.scalar in self.results)
-        rest = "".join(f"    {line}\n" for step in at_hand for line in self._stores(step, self.text(step)))
+        remaining_stores = "".join(f"    {line}\n" for step in at_hand for line in self._stores(step, self.text(step)))
         return (
             f"{''.join(bodies)}static void {self.name}_of(const double *const *in, double *const *out) {{\n"
-            f"    double w[{scalars + 1}];\n    lanes v[{vectors + 1}];\n    (void)w, (void)v;\n{calls}{rest}}}\n"
+            f"    double w[{scalars + 1}];\n    lanes v[{vectors + 1}];\n    "
+            f"(void)w, (void)v;\n{calls}{remaining_stores}}}\n"
         )
 
     def _parts(self, parts: Sequence[Sequence[Step]]) -> tuple[list[str], int, int]:
@@ -149,9 +150,9 @@ class _Text:
 
     def _reads(self, part: Sequence[Step], places: Mapping[Step, str]) -> Iterator[str]:
         """What a part needs and does not compute."""
-        made = set(part)
+        defined = set(part)
         for need in dict.fromkeys(need for step in part for need in self.packing.needs(step)):
-            if need not in made:
+            if need not in defined:
                 text = self.text(need) if self.packing.is_at_hand(need) else places[need]
                 yield f"const {_type(need)} {self.variable(need)} = {text};"
 
@@ -229,10 +230,10 @@ class _Matrices(MatrixPrinter):
         called = instruction.matrix.which_function()
         name = self._written.name(called)
         sizes = [max(called.nnz_out(k), 1) for k in range(called.n_out())]
-        given = ", ".join(argument or zeros(called.nnz_in(k)) for k, argument in enumerate(arguments))
+        pointers = ", ".join(argument or zeros(called.nnz_in(k)) for k, argument in enumerate(arguments))
         return [
             *(f"double {result}[{size}];" for result, size in zip(results, sizes, strict=True)),
-            f"{name}_of((const double *const[]){{{given}}}, (double *const[]){{{', '.join(results)}}});",
+            f"{name}_of((const double *const[]){{{pointers}}}, (double *const[]){{{', '.join(results)}}});",
         ]
 
     def product(self, matrix: ca.MX, begin: str, left: str, right: str, name: str) -> list[str]:

@@ -98,15 +98,15 @@ class Packing:
 def packed(values: Values, names: list[str], alike: Alike) -> Packing:
     """The values of the corners put into vectors; `names` are those of the arguments."""
     shapes, corners = _shapes(values, names, alike)
-    made = Packing(values)
+    packing = Packing(values)
     for seed in _seeds(values, shapes, corners):
-        if not any(value in made.lanes for value in seed):
-            _pack(made, seed, shapes)
+        if not any(value in packing.lanes for value in seed):
+            _pack(packing, seed, shapes)
     try:
-        made.in_order()
+        packing.in_order()
     except RecursionError:
         return Packing(values)
-    return made
+    return packing
 
 
 def _shapes(values: Values, names: list[str], alike: Alike) -> tuple[list[int], list[int]]:
@@ -131,50 +131,50 @@ def _shapes(values: Values, names: list[str], alike: Alike) -> tuple[list[int], 
 def _seeds(values: Values, shapes: list[int], corners: list[int]) -> list[Four]:
     """Values of the same form, one for each corner; those first that most depends on."""
     groups: dict[int, list[list[int]]] = defaultdict(lambda: [[] for _ in range(CORNERS)])
-    one = {1 << corner: corner for corner in range(CORNERS)}
+    corner_of_bit = {1 << corner: corner for corner in range(CORNERS)}
     for i, shape in enumerate(shapes):
-        if values.computed(i) and corners[i] in one:
-            groups[shape][one[corners[i]]].append(i)
-    alone = (group for group in groups.values() if all(len(found) == 1 for found in group))
-    return sorted((tuple(found[0] for found in group) for group in alone), key=max, reverse=True)
+        if values.computed(i) and corners[i] in corner_of_bit:
+            groups[shape][corner_of_bit[corners[i]]].append(i)
+    alone = (group for group in groups.values() if all(len(candidates) == 1 for candidates in group))
+    return sorted((tuple(candidates[0] for candidates in group) for group in alone), key=max, reverse=True)
 
 
-def _pack(made: Packing, seed: Four, shapes: list[int]) -> None:
+def _pack(packing: Packing, seed: Four, shapes: list[int]) -> None:
     """Put four values into a vector, and then what makes them."""
     stack = [seed]
     while stack:
         four = stack.pop()
-        if four not in made.kinds:
-            made.kinds[four] = kind = _kind(made, four)
+        if four not in packing.kinds:
+            packing.kinds[four] = kind = _kind(packing, four)
             if kind is Kind.PERMUTED:
-                made.operands[four] = (made.lanes[four[0]][0],)
+                packing.operands[four] = (packing.lanes[four[0]][0],)
             elif kind is Kind.OPERATION:
-                made.lanes |= {value: (four, lane) for lane, value in enumerate(four)}
-                made.operands[four] = _operands(made.values, four, shapes)
-                stack += made.operands[four]
+                packing.lanes |= {value: (four, lane) for lane, value in enumerate(four)}
+                packing.operands[four] = _operands(packing.values, four, shapes)
+                stack += packing.operands[four]
 
 
-def _kind(made: Packing, four: Four) -> Kind:
-    operations = {made.values.operations[value] for value in four}
+def _kind(packing: Packing, four: Four) -> Kind:
+    operations = {packing.values.operations[value] for value in four}
     if len(set(four)) == 1:
         return Kind.SAME
     if operations == {CONSTANT}:
         return Kind.CONSTANTS
     if operations == {INPUT}:
         return Kind.INPUTS
-    if all(value in made.lanes for value in four) and len({made.lanes[value][0] for value in four}) == 1:
+    if all(value in packing.lanes for value in four) and len({packing.lanes[value][0] for value in four}) == 1:
         return Kind.PERMUTED
-    free = not any(value in made.lanes for value in four)
+    free = not any(value in packing.lanes for value in four)
     return Kind.OPERATION if free and len(operations) == 1 else Kind.GATHERED
 
 
 def _operands(values: Values, four: Four, shapes: list[int]) -> tuple[Four, ...]:
     """The operands of a vector operation: where their order is free, such that the lanes are of one form."""
-    first, *others = (values.operands[value] for value in four)
+    first, *further = (values.operands[value] for value in four)
     lanes = [first]
-    for other in others:
-        swapped = other[::-1]
+    for following in further:
+        swapped = following[::-1]
         free = values.operations[four[0]] in COMMUTATIVE
-        fits = [shapes[i] for i in swapped] == [shapes[i] for i in first] != [shapes[i] for i in other]
-        lanes.append(swapped if free and fits else other)
+        fits = [shapes[i] for i in swapped] == [shapes[i] for i in first] != [shapes[i] for i in following]
+        lanes.append(swapped if free and fits else following)
     return tuple(zip(*lanes, strict=True))

@@ -74,18 +74,18 @@ def _function(function: ca.Function) -> str:
 def _body(values: Sequence[_Value], part: range, lasting: set[int], places: Mapping[int, int]) -> str:
     """Statements of a part, which reads what comes from before where it first needs it."""
     lines: list[str] = []
-    known: set[int] = set()
+    defined: set[int] = set()
 
     def define(i: int, text: str) -> None:
         lines.append(f"const lanes a{i} = {text};")
-        known.add(i)
+        defined.add(i)
 
     for i in part:
         value = values[i]
         if value.again:
             continue  # until it is needed
         for operand in value.operands:
-            if operand not in known:
+            if operand not in defined:
                 again = values[operand].again
                 define(operand, values[operand].text if again else f"work[{places[operand]}]")
         text = value.text.format(*(f"a{operand}" for operand in value.operands))
@@ -104,14 +104,14 @@ def _values(function: ca.Function) -> list[_Value]:
     results: dict[int, list[str]] = defaultdict(list)
     for result, element, value in values.results:
         results[value].append(f"out[{result}][{element}]")
-    found: list[_Value] = []
+    statements: list[_Value] = []
     places: list[int] = []
     for i in range(len(values.operations)):
-        made = _value(function, values, i)
-        places.append(len(found))
-        found.append(replace(made, operands=tuple(places[operand] for operand in made.operands)))
-        found += [_Value("{0}", (places[i],), out) for out in results[i]]
-    return found
+        statement = _value(function, values, i)
+        places.append(len(statements))
+        statements.append(replace(statement, operands=tuple(places[operand] for operand in statement.operands)))
+        statements += [_Value("{0}", (places[i],), target) for target in results[i]]
+    return statements
 
 
 def _value(function: ca.Function, values: Values, i: int) -> _Value:

@@ -40,7 +40,7 @@ class Values:
         return self.operations[value] in _LOGICAL
 
 
-def values_of(function: ca.Function, known: Mapping[int, Sequence[float]] | None = None) -> Values:
+def values_of(function: ca.Function, known_values: Mapping[int, Sequence[float]] | None = None) -> Values:
     """The values of a function on scalars; arguments `known` by index become constants, without any simplification.
     What divides several values is inverted once, and multiplies: a division takes as long as ten multiplications.
 
@@ -48,56 +48,56 @@ def values_of(function: ca.Function, known: Mapping[int, Sequence[float]] | None
     """
     if not function.is_a("SXFunction", False):
         raise ValueError(f"{function.name()} is not straight code on scalars; expand it first")
-    known = known or {}
-    made = Values()
+    known_values = known_values or {}
+    values = Values()
     numbers: dict[tuple[object, ...], int] = {}
     present: dict[int, int] = {}  # what CasADi's variables hold
 
     def number(key: tuple[object, ...], operation: int, operands: tuple[int, ...] = ()) -> int:
         if key not in numbers:
-            numbers[key] = len(made.operations)
-            made.operations.append(operation)
-            made.operands.append(operands)
+            numbers[key] = len(values.operations)
+            values.operations.append(operation)
+            values.operands.append(operands)
         return numbers[key]
 
     divided = _divided(function)
-    for one in instructions(function):
-        operation, read, write = one.operation, one.read, one.write[0]
+    for instruction in instructions(function):
+        operation, read, write = instruction.operation, instruction.read, instruction.write[0]
         if operation == ca.OP_OUTPUT:
-            made.results.append((write, one.write[1], present[read[0]]))
+            values.results.append((write, instruction.write[1], present[read[0]]))
         elif operation == ca.OP_ASSIGN:
             present[write] = present[read[0]]
-        elif operation == ca.OP_INPUT and read[0] in known:
+        elif operation == ca.OP_INPUT and read[0] in known_values:
             value = number((INPUT, read), CONSTANT)
-            made.constants[value] = float(known[read[0]][read[1]])
+            values.constants[value] = float(known_values[read[0]][read[1]])
             present[write] = value
         elif operation == ca.OP_INPUT:
             value = number((INPUT, read), INPUT)
-            made.places[value] = (read[0], read[1])
+            values.places[value] = (read[0], read[1])
             present[write] = value
         elif operation == ca.OP_CONST:
-            constant = one.constant
+            constant = instruction.constant
             value = number((CONSTANT, constant, math.copysign(1, constant)), CONSTANT)
-            made.constants[value] = constant
+            values.constants[value] = constant
             present[write] = value
         else:
             operands = tuple(present[k] for k in read[: 1 if operation in _UNARY_TWICE else None])
-            if operation == ca.OP_DIV and divided[one.position] > 1:
+            if operation == ca.OP_DIV and divided[instruction.position] > 1:
                 operation = ca.OP_MUL
                 operands = operands[0], number((ca.OP_INV, operands[1:]), ca.OP_INV, operands[1:])
             order = tuple(sorted(operands)) if operation in COMMUTATIVE else operands
             present[write] = number((operation, order), operation, operands)
-    return made
+    return values
 
 
 def _divided(function: ca.Function) -> dict[int, int]:
     """How many values the divisor of each division divides, by the index of the division."""
-    written: dict[int, int] = {}  # instructions that made what CasADi's variables hold
+    makers: dict[int, int] = {}  # instructions that made what CasADi's variables hold
     divisors: dict[int, int] = {}
-    for one in instructions(function):
-        if one.operation == ca.OP_DIV:
-            divisors[one.position] = written[one.read[1]]
-        if one.operation != ca.OP_OUTPUT:
-            written[one.write[0]] = one.position
+    for instruction in instructions(function):
+        if instruction.operation == ca.OP_DIV:
+            divisors[instruction.position] = makers[instruction.read[1]]
+        if instruction.operation != ca.OP_OUTPUT:
+            makers[instruction.write[0]] = instruction.position
     counts = Counter(divisors.values())
     return {i: counts[divisor] for i, divisor in divisors.items()}

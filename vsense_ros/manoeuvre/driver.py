@@ -161,10 +161,10 @@ class PathFollower:
         error = self.path.offset(float(q[X]) + ahead * np.cos(heading), float(q[Y]) + ahead * np.sin(heading))
         curvature = 2 * error / ahead**2
         length, understeer = self._feel
-        wanted = curvature * (length + understeer * speed**2)
+        target = curvature * (length + understeer * speed**2)
         h, self._last = t - self._last, t
         largest = DRIVER.steering_rate * h
-        self.angle += within((wanted - self.angle) * min(h / self.lag, 1.0), largest)
+        self.angle += within((target - self.angle) * min(h / self.lag, 1.0), largest)
         return self.angle
 
 
@@ -198,12 +198,12 @@ class TrackFollower:
         distance, offset, heading = self._along.find(float(q[X]), float(q[Y]))
         course = float(q[YAW]) + float(np.arctan2(u[SPEED_Y], max(speed, 1.0)))
         ahead = max(self.preview * speed, self.nearest)
-        wanted = self._along.curvature(distance + self.early * speed)
-        wanted -= 2 * (offset + ahead * np.sin(course - heading)) / ahead**2
+        target = self._along.curvature(distance + self.early * speed)
+        target -= 2 * (offset + ahead * np.sin(course - heading)) / ahead**2
         length, understeer = self._feel
-        wanted *= length + understeer * speed**2
-        wanted = within(wanted, DRIVER.largest_angle)
+        target *= length + understeer * speed**2
+        target = within(target, DRIVER.largest_angle)
         h, self._last = t - self._last, t
         largest = DRIVER.steering_rate * h
-        self.angle += within((wanted - self.angle) * min(h / self.lag, 1.0), largest)
+        self.angle += within((target - self.angle) * min(h / self.lag, 1.0), largest)
         return self.angle

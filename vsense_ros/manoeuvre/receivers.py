@@ -53,17 +53,17 @@ def with_receiver(vehicle: Vehicle, name: str | None = None, rate: float | None 
         raise InputError(f"a receiver gives {RATES.least:g} to {RATES.largest:g} fixes a second, not {rate:g}")
     sensors = dict(vehicle.sensors)
     for kind, key in ((GnssPosition, "position"), (GnssVelocity, "velocity")):
-        own = [place for place, sensor in sensors.items() if isinstance(sensor, kind)]
-        if not own and name is not None:
+        receivers = [place for place, sensor in sensors.items() if isinstance(sensor, kind)]
+        if not receivers and name is not None:
             key = key if key not in sensors else f"gnss_{key}"
-            sensors[key], own = kind(), [key]
-        for place in own:
+            sensors[key], receivers = kind(), [key]
+        for place in receivers:
             changes: dict[str, object] = {}
             if name is not None:
                 changes["noise"] = getattr(RECEIVERS[name], kind.model_fields["kind"].default.removeprefix("gnss_"))
             if rate is not None:
-                known = sensors[place].transmission or Transmission()
-                changes["transmission"] = known.model_copy(update={"period": 1 / rate})
+                present = sensors[place].transmission or Transmission()
+                changes["transmission"] = present.model_copy(update={"period": 1 / rate})
                 changes["timeout"] = max(sensors[place].timeout, 2.5 / rate)
             sensors[place] = sensors[place].model_copy(update=changes)
     return vehicle.model_copy(update={"sensors": sensors})

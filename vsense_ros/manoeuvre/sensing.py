@@ -129,8 +129,8 @@ def _climb(trajectory: Trajectory, rows: np.ndarray, point: Array) -> Array:
 
 def _around(trajectory: Trajectory) -> Array:
     """Disturbances (n, 7)."""
-    known = trajectory.disturbances
-    return np.zeros((len(trajectory.t), len(DISTURBANCES))) if known is None else known
+    recorded = trajectory.disturbances
+    return np.zeros((len(trajectory.t), len(DISTURBANCES))) if recorded is None else recorded
 
 
 def _channel(sensor: SensorBase, rows: np.ndarray, sampling: Sampling, content: Content) -> Channel:

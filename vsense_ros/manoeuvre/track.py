@@ -71,21 +71,21 @@ def with_clothoids(pieces: Sequence[Piece], length: float) -> list[Piece]:
     Length and changes of heading stay what they were; positions move by about `length`² / (24 radius) at each jump.
     Raises `ValueError` where a piece is shorter than its clothoids.
     """
-    found = []
+    with_transitions = []
     for i, piece in enumerate(pieces):
         before, after = (pieces[k] if 0 <= k < len(pieces) else piece for k in (i - 1, i + 1))
-        into, out = ((length / 2 if a.end != b.begin else 0.0) for a, b in ((before, piece), (piece, after)))
-        rest = piece.length - into - out
-        if rest < 0 or (piece.begin != piece.end and into + out > 0):
+        into, out_of = ((length / 2 if a.end != b.begin else 0.0) for a, b in ((before, piece), (piece, after)))
+        remaining = piece.length - into - out_of
+        if remaining < 0 or (piece.begin != piece.end and into + out_of > 0):
             raise ValueError(f"a piece of {piece.length:g} m has no room for clothoids of {length:g} m")
         slopes = (piece.grade, piece.bank)
         if into:
-            found.append(Piece(into, (before.end + piece.begin) / 2, piece.begin, *slopes))
-        if rest:
-            found.append(Piece(rest, piece.begin, piece.end, *slopes))
-        if out:
-            found.append(Piece(out, piece.end, (piece.end + after.begin) / 2, *slopes))
-    return found
+            with_transitions.append(Piece(into, (before.end + piece.begin) / 2, piece.begin, *slopes))
+        if remaining:
+            with_transitions.append(Piece(remaining, piece.begin, piece.end, *slopes))
+        if out_of:
+            with_transitions.append(Piece(out_of, piece.end, (piece.end + after.begin) / 2, *slopes))
+    return with_transitions
 
 
 class Track:

@@ -68,18 +68,18 @@ class Aided(Filter):
         behind: int = 0,
     ) -> None:
         self.name, self.definition = name, definition
-        made: Any = definition.make(numbers)
-        self.input_names = made.input_names if isinstance(made, Cascade) else definition.inputs
-        self.inertial = next((key for key, one in sensors.items() if "rates and forces" in one.measures), None)
+        inner: Any = definition.make(numbers)
+        self.input_names = inner.input_names if isinstance(inner, Cascade) else definition.inputs
+        self.inertial = next((key for key, source in sensors.items() if "rates and forces" in source.measures), None)
         self.driving = {AXES.index(n): i for i, n in enumerate(self.input_names) if n in AXES and self.inertial}
         self.reckoning: Reckoning | None = None
-        self.filter: Filter = made
-        self.memory = made.memory
-        if hasattr(made, "at"):  # a particle filter has no other place
-            size = len(made.memory)
+        self.filter: Filter = inner
+        self.memory = inner.memory
+        if hasattr(inner, "at"):  # a particle filter has no other place
+            size = len(inner.memory)
             self.memory = np.zeros(size + Reckoning.SIZE + behind)
-            own, axes, self.behind = np.split(self.memory, [size, size + Reckoning.SIZE])
-            self.filter = made.at(own)
+            own_memory, axes, self.behind = np.split(self.memory, [size, size + Reckoning.SIZE])
+            self.filter = inner.at(own_memory)
             if self.driving and set(numbers) >= Reckoning.NUMBERS:
                 self.reckoning = Reckoning(axes, list(self.driving), numbers)
         self.inputs, self.names, self.sensors = self.filter.inputs, self.filter.names, tuple(sensors)
@@ -87,7 +87,7 @@ class Aided(Filter):
         names_of_parts = [system.inputs for system, _ in definition.parts.values()]
         self._noise = [_variances(names, numbers) for names in names_of_parts]
         self._reckoned = [_inertial_inputs(names) for names in names_of_parts]
-        self._takes = {key: self.reckoning.takes(one) if self.reckoning else None for key, one in sensors.items()}
+        self._takes = {key: self.reckoning.takes(source) if self.reckoning else None for key, source in sensors.items()}
         self._check(sensors)
         self.since_fix = self.input_names.index(SINCE_FIX) if SINCE_FIX in self.input_names else None
         self.restart_clock()
@@ -99,7 +99,7 @@ class Aided(Filter):
         self.fixes = {key for key, sensor in sensors.items() if "course" in sensor.measures}
 
     def _check(self, sensors: Mapping[str, SensorBase]) -> None:
-        measured: set[str] = {what for sensor in sensors.values() for what in sensor.measures}
+        measured: set[str] = {quantity for sensor in sensors.values() for quantity in sensor.measures}
         kinds = ", ".join(sorted({words_of(sensor.kind) for sensor in sensors.values()})) or "none"
         for name in self.input_names:
             source = INPUTS.get(name)
@@ -108,7 +108,7 @@ class Aided(Filter):
                     f"the filter {self.name!r} needs the input {name}, of a sensor that measures {source.measures!r}; "
                     f"the vehicle file lists {kinds}"
                 )
-        names = [one.name for one in self.definition.measurements if one.name in MEASUREMENTS]
+        names = [measurement.name for measurement in self.definition.measurements if measurement.name in MEASUREMENTS]
         if names and not any(MEASUREMENTS[name].measures in measured for name in names):
             raise InputError(
                 f"the filter {self.name!r} is corrected by {', '.join(names)}, of a sensor that measures "
@@ -122,17 +122,19 @@ class Aided(Filter):
             for i, name in enumerate(self.input_names)
             if name in INPUTS and INPUTS[name].measures in measured
         )
-        made, conditions = [], []
-        for one in self.definition.measurements:
-            source = MEASUREMENTS.get(one.name)
+        measurements, conditions = [], []
+        for measurement in self.definition.measurements:
+            source = MEASUREMENTS.get(measurement.name)
             if source is not None and source.measures in measured:
-                limit = largest_nis(gate, len(one.deviations)) if sensor.deviations().any() else np.inf
-                made.append((one.name, source.of, limit, one.variances))
+                limit = largest_nis(gate, len(measurement.deviations)) if sensor.deviations().any() else np.inf
+                measurements.append((measurement.name, source.of, limit, measurement.variances))
             elif source is None and CONDITIONS_AT in measured:
-                conditions.append((one.name, np.zeros(len(one.deviations)), one.variances))
-        remembered = tuple(Memory(one, self) for one in self.definition.remembered if one.measures in measured)
+                conditions.append((measurement.name, np.zeros(len(measurement.deviations)), measurement.variances))
+        remembered = tuple(
+            Memory(quantity, self) for quantity in self.definition.remembered if quantity.measures in measured
+        )
         speed = speed if SPEED in self.input_names else None
-        return Use(inputs, speed, remembered, tuple(made), tuple(conditions), gate)
+        return Use(inputs, speed, remembered, tuple(measurements), tuple(conditions), gate)
 
     def uses(self, sensor: str) -> bool:
         """True if readings of this sensor do anything."""
@@ -141,8 +143,10 @@ class Aided(Filter):
 
     def needs(self, sensor: SensorBase) -> bool:
         """True if any input depends on what this sensor measures."""
-        wanted = {INPUTS[name].measures for name in self.input_names if name in INPUTS and not name.startswith("held")}
-        return bool(wanted & sensor.measures)
+        measured = {
+            INPUTS[name].measures for name in self.input_names if name in INPUTS and not name.startswith("held")
+        }
+        return bool(measured & sensor.measures)
 
     @property
     def judged(self) -> tuple[int, ...]:
@@ -181,13 +185,13 @@ class Aided(Filter):
         reckoning, size = self.reckoning, len(self.filter.memory)
         if reckoning is None or (step.steps > 1 and self.since_fix is not None):
             return super().advance(step)
-        behind, kept = self.memory[size:], step.kept.memory
-        kept[size:] = behind
+        behind, kept_memory = self.memory[size:], step.kept.memory
+        kept_memory[size:] = behind
         if reckoning.go_on(step.steps * step.h):
-            behind[:] = kept[size:]
+            behind[:] = kept_memory[size:]
             return super().advance(step)
-        if not self.filter.advance(Step(Kept(kept[:size], step.kept.address), step.steps, step.h)):
-            behind[:] = kept[size:]
+        if not self.filter.advance(Step(Kept(kept_memory[:size], step.kept.address), step.steps, step.h)):
+            behind[:] = kept_memory[size:]
             return False
         if self.since_fix is not None:
             self.inputs[self.since_fix] += step.h
@@ -211,12 +215,12 @@ class Aided(Filter):
         `reckoning` knows of it."""
         if self.reckoning is None or not self.reckoning.doubted.any():
             return self._noise
-        found = [variances.copy() for variances in self._noise]
-        for variances, places in zip(found, self._reckoned, strict=True):
+        variances_of_parts = [variances.copy() for variances in self._noise]
+        for variances, places in zip(variances_of_parts, self._reckoned, strict=True):
             for place, axis in places:
                 if self.reckoning.doubted[axis]:
                     variances[place] = self.reckoning.variance[axis]
-        return found
+        return variances_of_parts
 
     def innovation_of_axis(self, axis: int, value: Array, variance: Array) -> Innovation:
         """How far an axis of a reading (6,) of the first inertial sensor is from what is expected of it, which leaves
@@ -229,19 +233,19 @@ class Aided(Filter):
         else:
             for name, make, _, usual in self.use[self.inertial or ""].measurements:
                 if axis in (places := _places(make)):
-                    found = self._measure(name, make(value, variance), usual, -1.0, 1.0)
+                    innovation = self._measure(name, make(value, variance), usual, -1.0, 1.0)
                     at = places.index(axis)
-                    far, deviation = found.whitened.item(at), found.factor.item(at, at)
+                    far, deviation = innovation.whitened.item(at), innovation.factor.item(at, at)
         whitened[axis], factor[axis, axis] = far, deviation
         return Innovation(whitened, factor, far * far, False)
 
     def measures(self, name: str) -> bool:
         """True if any sensor makes the measurement of this name."""
-        return any(name == made for use in self.use.values() for made, *_ in use.measurements)
+        return any(name == measured for use in self.use.values() for measured, *_ in use.measurements)
 
     def compares_on_map(self, sensor: str) -> bool:
         """True if readings of a sensor are compared as they are, east and north."""
-        names = [made for made, *_ in self.use[sensor].measurements]
+        names = [measured for measured, *_ in self.use[sensor].measurements]
         return names in (["gnss_velocity"], ["gnss_position"]) and not isinstance(self.filter, Cascade)
 
     def move(self, element: int, by: float, deviation: float) -> None:
@@ -252,10 +256,10 @@ class Aided(Filter):
                 at -= len(part.names)
                 continue
             error = self._error_names(part).index(name.rpartition(".")[2])
-            for one in getattr(part, "bank", [part]):
-                one.mean[at] += by
-                one.covariance[error, :] = one.covariance[:, error] = 0.0
-                one.covariance[error, error] = deviation**2
+            for ekf in getattr(part, "bank", [part]):
+                ekf.mean[at] += by
+                ekf.covariance[error, :] = ekf.covariance[:, error] = 0.0
+                ekf.covariance[error, error] = deviation**2
             if hasattr(part, "mix"):
                 part.mix()
             return
@@ -290,25 +294,30 @@ class Aided(Filter):
             take(value)
         for memory in use.remembered:
             memory.renew(value)
-        worst, accepted, found = 0.0, True, _NOTHING
-        for name, make, own, usual in use.measurements:
-            found = self._measure(name, make(value, variance), usual, self._most(use, own, limit, len(value)), scale)
-            share = found.nis / own * largest_nis(use.gate, len(value)) if isfinite(own) else 0.0
-            worst, accepted = (share if not share <= worst else worst), accepted and (found.accepted or found.nis < 0)
+        worst, accepted, innovation = 0.0, True, _NOTHING
+        for name, make, own_limit, usual in use.measurements:
+            innovation = self._measure(
+                name, make(value, variance), usual, self._most(use, own_limit, limit, len(value)), scale
+            )
+            share = innovation.nis / own_limit * largest_nis(use.gate, len(value)) if isfinite(own_limit) else 0.0
+            worst = share if not share <= worst else worst
+            accepted = accepted and (innovation.accepted or innovation.nis < 0)
         self._give(sensor, value)
         if self.since_fix is not None and sensor in self.fixes and accepted and isfinite(value[0]):
             self.inputs[self.since_fix] = 0.0
         for name, nothing, variances in use.conditions:
             self.filter.correct(name, nothing, variances)
-        return Innovation(found.whitened, found.factor, worst, accepted)
+        return Innovation(innovation.whitened, innovation.factor, worst, accepted)
 
     @staticmethod
-    def _most(use: Use, own: float, limit: float, components: int) -> float:
+    def _most(use: Use, own_limit: float, limit: float, components: int) -> float:
         """The largest normalized innovation squared believed of a measurement, for that of its sensor."""
-        return own * (limit / largest_nis(use.gate, components)) if isfinite(limit) and isfinite(own) else np.inf
+        if not (isfinite(limit) and isfinite(own_limit)):
+            return np.inf
+        return own_limit * (limit / largest_nis(use.gate, components))
 
-    def _measure(self, name: str, made: tuple[Array, Array], usual: Array, most: float, scale: float) -> Innovation:
-        value, variances = made
+    def _measure(self, name: str, reading: tuple[Array, Array], usual: Array, most: float, scale: float) -> Innovation:
+        value, variances = reading
         if not variances.all():  # of a sensor that the multibody car takes for an input without noise
             variances = np.where(variances > 0, variances, usual)
         return self.filter.correct(name, value, variances, most, scale)
@@ -330,12 +339,12 @@ class Aided(Filter):
             value[refused] = nan
         for memory in use.remembered:
             memory.renew(value)
-        for name, make, own, usual in use.measurements:
-            most = self._most(use, own, limit, len(value))
-            found = self._measure(name, make(value, variance), usual, most, scale)
+        for name, make, own_limit, usual in use.measurements:
+            most = self._most(use, own_limit, limit, len(value))
+            innovation = self._measure(name, make(value, variance), usual, most, scale)
             for k, place in enumerate(_places(make)):
-                whitened[place], deviations[place] = found.whitened.item(k), found.factor.item(k, k)
-                if not found.accepted and found.nis >= 0:
+                whitened[place], deviations[place] = innovation.whitened.item(k), innovation.factor.item(k, k)
+                if not innovation.accepted and innovation.nis >= 0:
                     refused.append(place)
         self._give(sensor, value)
         worst = -1.0
@@ -346,9 +355,9 @@ class Aided(Filter):
             worst = max(worst, _BEYOND * gate**2)
         self.refused = tuple(refused)
         for name, nothing, variances in use.conditions:
-            found = self.filter.correct(name, nothing, variances)
-            whitened += found.whitened.tolist()
-            deviations += found.factor.diagonal().tolist()
+            innovation = self.filter.correct(name, nothing, variances)
+            whitened += innovation.whitened.tolist()
+            deviations += innovation.factor.diagonal().tolist()
         self._deviations[:] = deviations
         return Innovation(np.array(whitened), self._factor, worst, not refused)
 
@@ -376,17 +385,17 @@ class OfAxes:
             variances = {AXES[axis]: densities[k] / at.h for k, axis in enumerate(axes)}
             added = ca.densify(system.noise_of_inputs(at.x, at.u, at.theta, at.h, variances))
             function = codegen.function("added", [*at.now, at.h, densities], [added], ("x", "u", "p", "h", "densities"))
-            own, kernels = np.zeros(len(axes)), []
-            for one in getattr(part, "bank", [part]):
-                kernel = Kernel(function, [one.mean, one.inputs, parameters_of(one), self._length, own])
-                kernels.append((kernel, one.covariance))
-            self._parts.append((axes, own, kernels))
+            own_densities, kernels = np.zeros(len(axes)), []
+            for ekf in getattr(part, "bank", [part]):
+                kernel = Kernel(function, [ekf.mean, ekf.inputs, parameters_of(ekf), self._length, own_densities])
+                kernels.append((kernel, ekf.covariance))
+            self._parts.append((axes, own_densities, kernels))
 
     def add(self, density: Array, h: float) -> None:
         """White noise of these densities (6,) for a step of `h` [s]."""
         self._length[0] = h
-        for axes, own, kernels in self._parts:
-            own[:] = density[axes]
+        for axes, own_densities, kernels in self._parts:
+            own_densities[:] = density[axes]
             for kernel, covariance in kernels:
                 kernel.call()
                 covariance += kernel.results[0]
@@ -403,12 +412,12 @@ class Memory:
         errors = at.system.error_names
         covariance = ca.SX.sym("covariance", len(errors), len(errors))
         variance = Named(ca.diag(covariance), errors, "element of the error")
-        found = remembered.equation(at.x, at.u, at.theta, value, variance)
+        remembered_inputs = remembered.equation(at.x, at.u, at.theta, value, variance)
         self.remembered, self._part, self._parameters = remembered, part, parameters_of(part)
-        self.places = [filter.input_names.index(name) for name in found]  # among the inputs of all parts
-        self.own = [at.system.inputs.index(name) for name in found]  # among those of the part
+        self.places = [filter.input_names.index(name) for name in remembered_inputs]  # among the inputs of all parts
+        self.own = [at.system.inputs.index(name) for name in remembered_inputs]  # among those of the part
         self._inputs, self._value = filter.inputs, np.zeros(value.numel())
-        results = [expression(list(found.values()))]
+        results = [expression(list(remembered_inputs.values()))]
         arguments = [*at.now, value, covariance]
         self.function = codegen.function("remembered", arguments, results, ("x", "u", "p", "value", "covariance"))
         bound = [part.mean, part.inputs, self._parameters, self._value, part.covariance.reshape(-1)]
@@ -418,10 +427,10 @@ class Memory:
         """With a reading (m,)."""
         self._value[:] = value
         self._kernel.call()
-        found = self._kernel.results[0][:, 0]
-        if np.isfinite(found).all():
-            self._inputs[self.places] = found
-            self._part.inputs[self.own] = found
+        values = self._kernel.results[0][:, 0]
+        if np.isfinite(values).all():
+            self._inputs[self.places] = values
+            self._part.inputs[self.own] = values
 
 
 def _places(make: Callable[[Array, Array], tuple[Array, Array]]) -> list[int]:
@@ -441,13 +450,13 @@ def _inertial_inputs(names: Sequence[str]) -> list[tuple[int, int]]:
 
 def usable(sensors: Mapping[str, SensorBase]) -> dict[str, SensorBase]:
     """Those sensors that any filter of this package could use."""
-    used = {one.measures for one in INPUTS.values()} | {one.measures for one in MEASUREMENTS.values()}
-    return {key: one for key, one in sensors.items() if not used.isdisjoint(one.measures)}
+    used = {source.measures for source in INPUTS.values()} | {source.measures for source in MEASUREMENTS.values()}
+    return {key: sensor for key, sensor in sensors.items() if not used.isdisjoint(sensor.measures)}
 
 
 def _speed_of(sensor: SensorBase, sensors: Mapping[str, SensorBase], radius: float) -> Callable[[Array], float] | None:
     """How a reading gives the input `speed`, if it is this sensor that does."""
-    rolling = any("rolling speed" in one.measures for one in sensors.values())
+    rolling = any("rolling speed" in other.measures for other in sensors.values())
     if rolling and "rolling speed" in sensor.measures:
         return RollingSpeed(radius)
     if not rolling and "course" in sensor.measures:

@@ -32,12 +32,12 @@ class Beginning:
     def add(self, sensor: str, stamp: int, value: Array) -> tuple[int, dict[str, float]] | None:
         """Keep a reading; the time [ns] to start at and what is known there, by the names of states and numbers, once
         that suffices."""
-        self.readings = {k: one for k, one in self.readings.items() if abs(one[0] - stamp) < _TOGETHER}
+        self.readings = {k: reading for k, reading in self.readings.items() if abs(reading[0] - stamp) < _TOGETHER}
         self.readings[sensor] = stamp, value
         if self.missing():
             return None
         known = self._known()
-        return None if known is None else (max(one for one, _ in self.readings.values()), known)
+        return None if known is None else (max(read_at for read_at, _ in self.readings.values()), known)
 
     def clear(self) -> None:
         """Begin anew."""
@@ -49,35 +49,35 @@ class Beginning:
         missing = []
         for name in names:
             if name in INPUTS and "held" not in name:
-                needed, places = INPUTS[name]
-                values = (value for key, (_, value) in self.readings.items() if needed in measures[key])
+                quantity, places = INPUTS[name]
+                values = (value for key, (_, value) in self.readings.items() if quantity in measures[key])
                 if not any(np.isfinite(value[places[0]]) for value in values):
-                    missing.append(f"{name} ({needed})")
+                    missing.append(f"{name} ({quantity})")
         needs_course = SPEED in names or bool(self._states & {"yaw", "forward_velocity", "velocity_east"})
-        if needs_course and not any("course" in one for one in measures.values()):
+        if needs_course and not any("course" in measured for measured in measures.values()):
             missing.append("course")
         return missing
 
     def _known(self) -> dict[str, float] | None:
         """What the readings and the car's numbers give, by the names of states and numbers; None if that is not
         enough."""
-        known: dict[str, float] = dict(self._numbers)
+        values: dict[str, float] = dict(self._numbers)
         for key, (_, value) in self.readings.items():
             measures = self._sensors[key].measures
             if "rates and forces" in measures and np.isfinite(value[2]):
-                known["yaw_rate"] = float(value[2])
+                values["yaw_rate"] = float(value[2])
             if "position" in measures and np.isfinite(value).all():
-                known["east"], known["north"] = value.tolist()
+                values["east"], values["north"] = value.tolist()
             if "heading" in measures and np.isfinite(value).all():
-                known["yaw"] = float(np.arctan2(value[1], value[0]))
+                values["yaw"] = float(np.arctan2(value[1], value[0]))
             if "course" in measures and np.isfinite(value).all():
                 speed = hypot(*value.tolist())
                 if speed < FASTEST:
-                    known["forward_velocity"] = speed
-                    known["velocity_east"], known["velocity_north"] = value.tolist()
+                    values["forward_velocity"] = speed
+                    values["velocity_east"], values["velocity_north"] = value.tolist()
                 if ALIGNMENT_SPEED < speed < FASTEST:
-                    known.setdefault("yaw", float(np.arctan2(value[1], value[0])))
+                    values.setdefault("yaw", float(np.arctan2(value[1], value[0])))
         if self._filter.definition.finds_heading:
-            return known if "forward_velocity" in known else None
-        needed = {"yaw" if name == "q_w" else name for name in self._states & {"yaw", "forward_velocity", "q_w"}}
-        return None if needed - set(known) else known
+            return values if "forward_velocity" in values else None
+        required = {"yaw" if name == "q_w" else name for name in self._states & {"yaw", "forward_velocity", "q_w"}}
+        return None if required - set(values) else values

@@ -30,7 +30,7 @@ def car_numbers(vehicle: Vehicle, sensors: Iterable[SensorBase]) -> dict[str, fl
     a, b = chassis.cog_to_front_axle, chassis.cog_to_rear_axle
     load = chassis.mass * GRAVITY / (a + b) / 2
     road = vehicle.observer.surroundings
-    found = {
+    numbers = {
         "mass": chassis.mass,
         "yaw_inertia": chassis.yaw_inertia,
         "to_front": a,
@@ -62,14 +62,14 @@ def car_numbers(vehicle: Vehicle, sensors: Iterable[SensorBase]) -> dict[str, fl
     for sensor in sensors:
         deviations = sensor.deviations()
         if "rates and forces" in sensor.measures:
-            found["gyro_noise"], found["acceleration_noise"] = float(deviations[2]), float(deviations[4])
+            numbers["gyro_noise"], numbers["acceleration_noise"] = float(deviations[2]), float(deviations[4])
         elif "rolling speed" in sensor.measures:
-            found["spin_noise"] = float(deviations[2])
+            numbers["spin_noise"] = float(deviations[2])
         elif "steering" in sensor.measures and deviations.any():
-            found["steering_noise"] = float(deviations[0])
+            numbers["steering_noise"] = float(deviations[0])
         elif "course" in sensor.measures:
-            found["antenna_x"], found["antenna_y"] = sensor.mounting()[:2].tolist()
-    return found
+            numbers["antenna_x"], numbers["antenna_y"] = sensor.mounting()[:2].tolist()
+    return numbers
 
 
 def roll_numbers(vehicle: Vehicle) -> dict[str, float]:

@@ -52,13 +52,13 @@ FILTERS = Catalogue()
 def make(name: str, vehicle: Vehicle, sensors: dict[str, SensorBase]) -> Aided:
     """The filter of this name for a vehicle, with those of its sensors that any filter here could use. Raises
     `InputError` where they cannot drive it."""
-    used = usable(sensors)
-    return Aided(name, DEFINITIONS[name][1], car_numbers(vehicle, used.values()), used)
+    usable_sensors = usable(sensors)
+    return Aided(name, DEFINITIONS[name][1], car_numbers(vehicle, usable_sensors.values()), usable_sensors)
 
 
 def add(name: str, title: str, definition: Definition, when: str, *, recommended: bool = True) -> None:
     """Let `--filter` take a filter by its name. Raises `ValueError` for a name that another filter has."""
-    sensors = tuple(one.name for one in definition.measurements)
+    sensors = tuple(measurement.name for measurement in definition.measurements)
     make_named = partial(make, name)
     FILTERS.add(FilterFamily(name, title, definition.states, definition.inputs, sensors, when, make_named, recommended))
     DEFINITIONS[name] = (title, definition, when)

@@ -20,7 +20,7 @@ from vsense_ros.estimation.filter import Array, Gaussian, Innovation
 from vsense_ros.estimation.gaussian import GaussianFilter
 from vsense_ros.estimation.state_space import Measurement, Named
 from vsense_ros.navigation.open_loop import MapIns
-from vsense_ros.navigation.space import Definition, Seen, drifting
+from vsense_ros.navigation.space import Definition, FirstReadings, drifting
 
 HYPOTHESES = 8
 TILT = 0.8  # [m/s²/√Hz] of body and road, and of biases, in the accelerometers
@@ -45,12 +45,12 @@ class Hypothesis(MapIns):
     def noise(self, x: Named, u: Named, theta: Named, h: ca.SX) -> Any:
         return super().noise(x, u, theta, h) + drifting(h, TILT, TILT, 0.0, 1e-5)
 
-    def begin(self, seen: Seen) -> Mapping[str, float]:
-        return {name: seen[name] for name in ("velocity_east", "velocity_north") if name in seen}
+    def begin(self, first_readings: FirstReadings) -> Mapping[str, float]:
+        return {name: first_readings[name] for name in ("velocity_east", "velocity_north") if name in first_readings}
 
     def motion(self, x: Named, u: Named, theta: Named) -> dict[str, Any]:
-        found = super().motion(x, u, theta)
-        return {name: found[name] for name in ("yaw", "forward_velocity", "lateral_velocity")} | {
+        motion = super().motion(x, u, theta)
+        return {name: motion[name] for name in ("yaw", "forward_velocity", "lateral_velocity")} | {
             "yaw_rate": u.yaw_rate - x.gyro_bias
         }
 
@@ -59,39 +59,39 @@ class HeadingBank(GaussianFilter):
     """The filters side by side in one memory, behind their mixture's mean, covariance, its inputs and the logarithms of
     weights. `one` is such a filter; `memory` may be given, as a part of another's."""
 
-    def __init__(self, one: Ekf, memory: Array | None = None) -> None:
-        n, k, size = len(one.mean), len(one.inputs), len(one.memory)
+    def __init__(self, ekf: Ekf, memory: Array | None = None) -> None:
+        n, k, size = len(ekf.mean), len(ekf.inputs), len(ekf.memory)
         self.memory = np.zeros(n + n * n + k + HYPOTHESES * (1 + size)) if memory is None else memory
         bounds = np.cumsum([n, n * n, k, HYPOTHESES]).tolist()
-        self.mean, covariance, self.inputs, self.log_weights, rest = np.split(self.memory, bounds)
+        self.mean, covariance, self.inputs, self.log_weights, memory_of_bank = np.split(self.memory, bounds)
         self.covariance = covariance.reshape(n, n)
-        self.bank = [one.at(part) for part in np.split(rest, HYPOTHESES)]
-        self.names, self.sensors, self.system = one.names, one.sensors, one.system
-        self._yaw = one.names.index("yaw")
+        self.bank = [ekf.at(part) for part in np.split(memory_of_bank, HYPOTHESES)]
+        self.names, self.sensors, self.system = ekf.names, ekf.sensors, ekf.system
+        self._yaw = ekf.names.index("yaw")
 
     def at(self, memory: Array) -> HeadingBank:
         """A copy of this bank whose memory is this array (s,)."""
-        kept = self.memory.copy()
-        made = HeadingBank(self.bank[0], memory)
-        memory[:] = kept
-        return made
+        present = self.memory.copy()
+        copy = HeadingBank(self.bank[0], memory)
+        memory[:] = present
+        return copy
 
     def start(self, belief: Gaussian) -> None:
         """With headings all around that of the belief."""
         self.check(belief)
         self.log_weights[:] = -np.log(HYPOTHESES)
-        for i, one in enumerate(self.bank):
+        for i, ekf in enumerate(self.bank):
             mean = np.array(belief.mean)
             mean[self._yaw] += 2 * np.pi * i / HYPOTHESES
-            one.inputs[:] = self.inputs
-            one.start(Gaussian(mean, belief.covariance))
+            ekf.inputs[:] = self.inputs
+            ekf.start(Gaussian(mean, belief.covariance))
         self.mix()
 
     def predict(self, h: float) -> None:
         """Each filter, with the inputs of the bank."""
-        for one in self.bank:
-            one.inputs[:] = self.inputs
-            one.predict(h)
+        for ekf in self.bank:
+            ekf.inputs[:] = self.inputs
+            ekf.predict(h)
         self.mix()
 
     def correct(
@@ -100,13 +100,13 @@ class HeadingBank(GaussianFilter):
         """Each filter, and its weight by the likelihood of what it had expected; `limit` holds for the likeliest."""
         before = self.memory.copy()
         best, likeliest = int(np.argmax(self.log_weights)), _NOTHING
-        for i, one in enumerate(self.bank):
-            found = one.correct(sensor, value, variance, np.inf, scale)
+        for i, ekf in enumerate(self.bank):
+            innovation = ekf.correct(sensor, value, variance, np.inf, scale)
             if i == best:
-                likeliest = found
-            if found.nis >= 0:
-                factor = np.diag(found.factor)
-                self.log_weights[i] -= 0.5 * found.nis + float(np.sum(np.log(factor)))
+                likeliest = innovation
+            if innovation.nis >= 0:
+                factor = np.diag(innovation.factor)
+                self.log_weights[i] -= 0.5 * innovation.nis + float(np.sum(np.log(factor)))
         if likeliest.nis > limit and self.log_weights[best] > np.log(0.9):
             self.memory[:] = before
             return likeliest._replace(accepted=False)
@@ -119,22 +119,22 @@ class HeadingBank(GaussianFilter):
     def mix(self) -> None:
         """Make mean and covariance those of the mixture; headings are averaged about the likeliest."""
         weights = np.exp(self.log_weights)
-        means = np.array([one.mean for one in self.bank])
+        means = np.array([ekf.mean for ekf in self.bank])
         around = means[int(np.argmax(weights)), self._yaw]
         means[:, self._yaw] = around + (means[:, self._yaw] - around + np.pi) % (2 * np.pi) - np.pi
         self.mean[:] = weights @ means
         off = means - self.mean
-        inner = np.einsum("i,ijk->jk", weights, np.array([one.covariance for one in self.bank]))
+        inner = np.einsum("i,ijk->jk", weights, np.array([ekf.covariance for ekf in self.bank]))
         self.covariance[:] = inner + off.T @ (weights[:, None] * off)
 
     def is_valid(self) -> bool:
         """True if every filter of the bank is valid."""
-        return all(one.is_valid() for one in self.bank)
+        return all(ekf.is_valid() for ekf in self.bank)
 
     def inflate(self) -> None:
         """Each filter."""
-        for one in self.bank:
-            one.inflate()
+        for ekf in self.bank:
+            ekf.inflate()
         self.mix()
 
 

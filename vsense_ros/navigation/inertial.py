@@ -26,7 +26,7 @@ import casadi as ca
 from vsense_ros.estimation.state_space import Measurement, Named
 from vsense_ros.navigation.car_numbers import GYRO_SCALE_DEVIATION, SHAKING_NOISE
 from vsense_ros.navigation.joint_kkf import HEADING, JointKkf, velocity_on_map
-from vsense_ros.navigation.space import Definition, Seen, drifting
+from vsense_ros.navigation.space import Definition, FirstReadings, drifting
 
 TYPICAL = {"rear_distance": (1.4, 0.3), "rear_slip": (0.003, 0.002), "roll_gain": (0.1, 0.1)}  # value, deviation
 TILT_NOISE = (0.05, SHAKING_NOISE)  # [m/s²/√Hz] of the body's pitch and roll on its springs, in the accelerometers
@@ -68,9 +68,9 @@ class Inertial(JointKkf):
     def motion(self, x: Named, u: Named, theta: Named) -> dict[str, Any]:
         return {**super().motion(x, u, theta), "yaw_rate": turning(x, u)}
 
-    def begin(self, seen: Seen) -> Mapping[str, float]:
-        typical = {name: own[0] for name, own in TYPICAL.items()}
-        return {**super().begin(seen), **typical}
+    def begin(self, first_readings: FirstReadings) -> Mapping[str, float]:
+        typical = {name: value[0] for name, value in TYPICAL.items()}
+        return {**super().begin(first_readings), **typical}
 
 
 def turning(x: Named, u: Named) -> ca.SX:

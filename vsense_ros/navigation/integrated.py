@@ -39,7 +39,7 @@ from vsense_ros.navigation.car_numbers import (
     STIFFNESS_DEVIATION,
 )
 from vsense_ros.navigation.inertial import LINEAR
-from vsense_ros.navigation.space import Definition, NavigationSpace, Seen, drifting
+from vsense_ros.navigation.space import Definition, FirstReadings, NavigationSpace, drifting
 
 STIFFNESS_DRIFT = 0.2  # of ln k after one second at a slip angle of `FULL_SLIP`, over its deviation at start
 FULL_SLIP = 0.05  # [rad]
@@ -117,27 +117,33 @@ class Integrated(NavigationSpace):
     def noise(self, x: Named, u: Named, theta: Named, h: ca.SX) -> Any:
         felt = self.sampled(x, u, theta, h, acceleration_x=theta.acceleration_noise)
         drift = STIFFNESS_DRIFT * theta.stiffness_deviation
-        seen: list[Any] = [drift * ca.fmin(ca.fabs(slip) / FULL_SLIP, 1.0) for slip in self.slip_angles(x, u, theta)]
+        stiffness_walk: list[Any] = [
+            drift * ca.fmin(ca.fabs(slip) / FULL_SLIP, 1.0) for slip in self.slip_angles(x, u, theta)
+        ]
         drifts: list[Any] = [0.0, FORCE_NOISE, MOMENT_NOISE, LEANING * theta.road_bank, 1e-5, 1e-5, 1e-4, 1e-4]
         sliding = 1 + (self.auxiliary(x, u, theta)[0] / LINEAR) ** 2
         slipping = theta.slip_error * sliding
         turned = theta.steering_error * (u.steer_angle - x.steering_bias) ** 2
-        strays = [one * np.sqrt(2 / SLIP_ERROR_TIME) for one in (slipping + turned, slipping)]
+        strays = [error * np.sqrt(2 / SLIP_ERROR_TIME) for error in (slipping + turned, slipping)]
         bank = theta.road_bank * ca.sqrt(2 / theta.road_bank_time)
         shaking = theta.shaking_noise / SHAKING_TIME
-        walk = ca.vertcat(*drifts, *seen, 1e-5, bank, 0.0, ROLL_NOISE, 0.0, 0.0, *strays, shaking)
+        walk = ca.vertcat(*drifts, *stiffness_walk, 1e-5, bank, 0.0, ROLL_NOISE, 0.0, 0.0, *strays, shaking)
         return felt + ca.diag(walk**2) * h + drifting(h, *[1e-6] * 19)
 
-    def begin(self, seen: Seen) -> Mapping[str, float]:
-        return {n: seen[n] for n in ("forward_velocity", "yaw", "yaw_rate", "rolling_radius") if n in seen}
+    def begin(self, first_readings: FirstReadings) -> Mapping[str, float]:
+        return {
+            n: first_readings[n]
+            for n in ("forward_velocity", "yaw", "yaw_rate", "rolling_radius")
+            if n in first_readings
+        }
 
-    def uncertain(self, name: str, seen: Seen) -> float:
-        known = {
+    def uncertain(self, name: str, first_readings: FirstReadings) -> float:
+        prior_numbers = {
             "bank": "road_bank", "gyro_scale": "gyro_scale_deviation", "antenna_ahead": "antenna_deviation",
             "front_ln_stiffness": _KNOWN, "rear_ln_stiffness": _KNOWN,
             "front_slip_error": "slip_error", "rear_slip_error": "slip_error",
         }  # fmt: skip
-        return seen[known[name]] if name in known else super().uncertain(name, seen)
+        return first_readings[prior_numbers[name]] if name in prior_numbers else super().uncertain(name, first_readings)
 
     def motion(self, x: Named, u: Named, theta: Named) -> dict[str, Any]:
         along = u.acceleration_x - x.acceleration_bias_x

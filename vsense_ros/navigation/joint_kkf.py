@@ -13,7 +13,7 @@ from typing import Any
 import casadi as ca
 
 from vsense_ros.estimation.state_space import Measurement, Named
-from vsense_ros.navigation.space import Definition, NavigationSpace, Seen, drifting
+from vsense_ros.navigation.space import Definition, FirstReadings, NavigationSpace, drifting
 
 
 class JointKkf(NavigationSpace):
@@ -50,8 +50,12 @@ class JointKkf(NavigationSpace):
         felt = self.sampled(x, u, theta, h, acceleration_x=force, acceleration_y=force, yaw_rate=rate)
         return felt + drifting(h, 0.0, 0.0, 0.0, 1e-5, 1e-4, 1e-4, 0.0, 0.0)
 
-    def begin(self, seen: Seen) -> Mapping[str, float]:
-        return {name: seen[name] for name in ("forward_velocity", "yaw", "east", "north") if name in seen}
+    def begin(self, first_readings: FirstReadings) -> Mapping[str, float]:
+        return {
+            name: first_readings[name]
+            for name in ("forward_velocity", "yaw", "east", "north")
+            if name in first_readings
+        }
 
     def motion(self, x: Named, u: Named, theta: Named) -> dict[str, Any]:
         return {**super().motion(x, u, theta), "yaw_rate": u.yaw_rate - x.gyro_bias}

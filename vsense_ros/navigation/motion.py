@@ -47,24 +47,24 @@ class Motions:
 
     def samples(self) -> list[Sample]:
         """As the messages of the output topics; of one time without the axis in front."""
-        one = len(self.stamp) == 1
-        row = (lambda a: a[0]) if one else (lambda a: a)
+        is_single = len(self.stamp) == 1
+        row = (lambda a: a[0]) if is_single else (lambda a: a)
         stamp, v = int(self.stamp[0]), row(self.value)
         pose, twist = row(self.pose_covariance), row(self.twist_covariance)
         orientation = messages.quaternion(np.nan_to_num(v[..., 3:6]))  # an angle that is not estimated is zero
-        found = [messages.odometry(stamp, v[..., 0:3], orientation, pose, v[..., 6:9], v[..., 9:12], twist)]
+        samples = [messages.odometry(stamp, v[..., 0:3], orientation, pose, v[..., 6:9], v[..., 9:12], twist)]
         if "forward_acceleration" in self.estimated:
             rows = v.shape[:-1]
             covariance = np.zeros((*rows, 6, 6))
             covariance[..., :3, :3] = row(self.acceleration_covariance)
             covariance[..., [3, 4, 5], [3, 4, 5]] = messages.UNESTIMATED_VARIANCE
             flat = covariance.reshape(*rows, 36)
-            found.append(messages.acceleration(stamp, v[..., 12:15], np.zeros((*rows, 3)), flat))
+            samples.append(messages.acceleration(stamp, v[..., 12:15], np.zeros((*rows, 3)), flat))
         if self.has_side_slip:
-            found.append(messages.side_slip(stamp, row(self.side_slip)))
+            samples.append(messages.side_slip(stamp, row(self.side_slip)))
         if self.parameter_names:
-            found.append(messages.parameters(stamp, self.parameter_names, row(self.parameters), row(self.deviations)))
-        return found
+            samples.append(messages.parameters(stamp, self.parameter_names, row(self.parameters), row(self.deviations)))
+        return samples
 
     @property
     def has_side_slip(self) -> bool:
@@ -89,12 +89,12 @@ class Readout:
             by_input = ca.densify(ca.jacobian(value, at.u.vector))
             functions.append(ca.Function("motion", at.now, [value, at.by_error(value), by_input]))
             names.append(list(estimated))
-            own = [n for n in system.names if n not in MOTION and n in system.error_names]
-            slow += [f"{part}.{n}" if definition.is_cascade else n for n in own]
-            places = [system.names.index(n) for n in own], [system.error_names.index(n) for n in own]
+            own_names = [n for n in system.names if n not in MOTION and n in system.error_names]
+            slow += [f"{part}.{n}" if definition.is_cascade else n for n in own_names]
+            places = [system.names.index(n) for n in own_names], [system.error_names.index(n) for n in own_names]
             self._slow.append((i, *places))
         self._functions, self.parameter_names = functions, tuple(slow)
-        source = {name: (i, j) for i, told_by in enumerate(names) for j, name in enumerate(told_by)}
+        source = {name: (i, j) for i, estimated_names in enumerate(names) for j, name in enumerate(estimated_names)}
         self._estimated = [(MOTION.index(name), *source[name]) for name in MOTION if name in source]
         self.estimated = tuple(name for name in MOTION if name in source)
 
@@ -113,17 +113,17 @@ class Readout:
             mean, spread, inputs, of_inputs = (np.array([s.parts[i][k] for s in snapshots]) for k in range(4))
             theta = parameters_of(part)
             mapped = function.map(n) if n > 1 else function
-            found, *slopes = mapped(mean.T, inputs.T, np.repeat(theta[:, None], n, axis=1))
+            mapped_values, *slopes = mapped(mean.T, inputs.T, np.repeat(theta[:, None], n, axis=1))
             k = function.size1_out(0)
-            by_error, by_input = (np.array(one).reshape(k, n, -1).transpose(1, 0, 2) for one in slopes)
+            by_error, by_input = (np.array(slope).reshape(k, n, -1).transpose(1, 0, 2) for slope in slopes)
             by_states = by_error @ spread @ by_error.transpose(0, 2, 1)
             by_readings = (by_input * of_inputs[:, None, :]) @ by_input.transpose(0, 2, 1)
-            of_parts.append((np.array(found).T, by_states + by_readings))
+            of_parts.append((np.array(mapped_values).T, by_states + by_readings))
         for place, i, row in self._estimated:
             value[:, place] = of_parts[i][0][:, row]
-            for other, j, column in self._estimated:
+            for second_place, j, column in self._estimated:
                 if i == j:
-                    covariance[:, place, other] = of_parts[i][1][:, row, column]
+                    covariance[:, place, second_place] = of_parts[i][1][:, row, column]
         absent = [i for i, name in enumerate(MOTION) if name not in self.estimated]
         covariance[:, absent, absent] = messages.UNESTIMATED_VARIANCE
         slip = _side_slip(value, covariance, self.estimated)
@@ -145,7 +145,7 @@ class Readout:
 
 def _side_slip(value: Array, covariance: Array, estimated: Sequence[str]) -> Array:
     """Angle, standard deviation and rate (n, 3); zero with an infinite deviation at rest. There is no rate."""
-    found = np.zeros((len(value), 3))
+    side_slip = np.zeros((len(value), 3))
     forward, lateral = np.nan_to_num(value[:, [_FORWARD, _LATERAL]]).T
     rests = np.hypot(forward, lateral) < _SMALLEST_SPEED
     if "side_slip" in estimated:
@@ -156,6 +156,6 @@ def _side_slip(value: Array, covariance: Array, estimated: Sequence[str]) -> Arr
         slope = np.stack([-lateral / square, forward / square], axis=1)
         block = covariance[:, [_FORWARD, _LATERAL]][:, :, [_FORWARD, _LATERAL]]
         angle, variance = np.arctan2(lateral, forward), np.einsum("ni,nij,nj->n", slope, block, slope)
-    found[:, 0] = np.where(rests, 0.0, angle)
-    found[:, 1] = np.where(rests, np.inf, np.sqrt(variance.clip(min=0)))
-    return found
+    side_slip[:, 0] = np.where(rests, 0.0, angle)
+    side_slip[:, 1] = np.where(rests, np.inf, np.sqrt(variance.clip(min=0)))
+    return side_slip

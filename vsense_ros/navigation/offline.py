@@ -25,7 +25,7 @@ import casadi as ca
 from vsense_ros.estimation.state_space import Measurement, Named
 from vsense_ros.navigation.car_numbers import ANTENNA_DEVIATION, GYRO_SCALE_DEVIATION
 from vsense_ros.navigation.inertial import LEANING, LINEAR, TILT_NOISE, TYPICAL, turning
-from vsense_ros.navigation.space import Definition, NavigationSpace, Seen, drifting
+from vsense_ros.navigation.space import Definition, FirstReadings, NavigationSpace, drifting
 
 SLIDING = 0.3  # [m/s] by which the lateral velocity is off at each reading, besides s
 ASIDE, ASIDE_TIME = 0.004, 1.0  # [rad], [s] of s where the car hardly slides: tyres and body need time to follow
@@ -85,10 +85,10 @@ class Offline(NavigationSpace):
     def motion(self, x: Named, u: Named, theta: Named) -> dict[str, Any]:
         return {**super().motion(x, u, theta), "yaw_rate": turning(x, u)}
 
-    def begin(self, seen: Seen) -> Mapping[str, float]:
-        known = {name: seen[name] for name in ("forward_velocity", "yaw", "east", "north", "rolling_radius")
-                 if name in seen}  # fmt: skip
-        return {**known, **{name: own[0] for name, own in TYPICAL.items()}, "limit": LIMIT[0]}
+    def begin(self, first_readings: FirstReadings) -> Mapping[str, float]:
+        initial = {name: first_readings[name] for name in ("forward_velocity", "yaw", "east", "north", "rolling_radius")
+                 if name in first_readings}  # fmt: skip
+        return {**initial, **{name: typical[0] for name, typical in TYPICAL.items()}, "limit": LIMIT[0]}
 
 
 def on_map(yaw: Any, forward: Any, lateral: Any) -> tuple[ca.SX, ca.SX]:
@@ -106,8 +106,8 @@ def _velocity(x: Named, z: Named, u: Named, p: Named) -> list[ca.SX]:
 
 def _position(x: Named, z: Named, u: Named, p: Named) -> list[ca.SX]:
     arm = on_map(x.yaw, p.antenna_x + x.lever_x, p.antenna_y + x.lever_y)
-    gone = on_map(x.yaw, x.delay * x.forward_velocity, x.delay * x.lateral_velocity)
-    return [x.east + arm[0] - gone[0], x.north + arm[1] - gone[1]]
+    travelled = on_map(x.yaw, x.delay * x.forward_velocity, x.delay * x.lateral_velocity)
+    return [x.east + arm[0] - travelled[0], x.north + arm[1] - travelled[1]]
 
 
 def _sliding(x: Named, z: Named, u: Named, p: Named) -> ca.SX:

@@ -85,7 +85,7 @@ class Reckoning:
         compliance = numbers["to_rear"] / numbers["front_stiffness"] - numbers["to_front"] / numbers["rear_stiffness"]
         self._understeer = max(numbers["mass"] / self._length * compliance, 0.0)  # [rad/(m/s²)]
         rates, forces = [s.rate_change] * 2, [s.acceleration_change] * 2
-        self._densities = [one**2 for one in (*rates, s.yaw_rate_change, *forces, s.up_change)]
+        self._densities = [change**2 for change in (*rates, s.yaw_rate_change, *forces, s.up_change)]
         self._spread = [s.rate_deviation, s.rate_deviation, nan, s.along_deviation, s.across_deviation, s.up_deviation]
 
     def restart(self) -> None:
@@ -110,12 +110,12 @@ class Reckoning:
     def reckon(self, h: float) -> None:
         """Bring the axes that are doubted on by `h` [s]."""
         target, spread = self._target()
-        left = exp(-h / self._settings.memory)
+        decay = exp(-h / self._settings.memory)
         for i in self.axes:
             if self.doubted[i]:
-                self._error[i] *= left
+                self._error[i] *= decay
                 self.expected[i] = target[i] + self._error[i]
-                self.variance[i] = spread[i] ** 2 + left**2 * (min(self.variance[i], spread[i] ** 2) - spread[i] ** 2)
+                self.variance[i] = spread[i] ** 2 + decay**2 * (min(self.variance[i], spread[i] ** 2) - spread[i] ** 2)
 
     def _doubt(self, axis: int) -> None:
         """An axis is not believed from now on."""
@@ -138,7 +138,7 @@ class Reckoning:
         share = min(elapsed / self._settings.usual_time, 1.0)
         again = min(self._settings.believed_again, gate)
         readings, noises = value.tolist(), variance.tolist()
-        expected, known, doubted = self.expected.tolist(), self.variance.tolist(), self.doubted.tolist()
+        expected, known_variances, doubted = self.expected.tolist(), self.variance.tolist(), self.doubted.tolist()
         whitened, deviations, refused = [nan] * 6, [1.0] * 6, []
         for i in self.axes:
             reading = readings[i]
@@ -146,18 +146,18 @@ class Reckoning:
                 self._doubt(i)
                 continue
             change = reading - expected[i]
-            if known[i] == inf:  # the first
+            if known_variances[i] == inf:  # the first
                 deviation, far = 1.0, 0.0
             else:
                 usual = self._usual.item(i)
-                deviation = sqrt(max(known[i] + noises[i] + self._densities[i] * elapsed, usual))
+                deviation = sqrt(max(known_variances[i] + noises[i] + self._densities[i] * elapsed, usual))
                 far = change / deviation
             deviations[i], whitened[i] = deviation, far
             if abs(far) > (again if doubted[i] else gate):
                 self._doubt(i)
                 refused.append(i)
                 continue
-            if not doubted[i] and known[i] != inf:
+            if not doubted[i] and known_variances[i] != inf:
                 self._usual[i] += share * (change * change - usual)
             self.expected[i], self.variance[i], self.doubted[i] = reading, noises[i], 0.0
         return whitened, deviations, refused

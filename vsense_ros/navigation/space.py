@@ -28,7 +28,7 @@ MOTION = (
     "forward_acceleration", "lateral_acceleration", "vertical_acceleration", "side_slip",
 )  # fmt: skip
 
-Seen = Mapping[str, float]  # what the first readings give, by the names of states
+FirstReadings = Mapping[str, float]  # what the first readings give, by the names of states
 
 
 class NavigationSpace(StateSpace):
@@ -36,9 +36,9 @@ class NavigationSpace(StateSpace):
 
     prior: Mapping[str, float] = {}  # standard deviations at start, by elements of the error
 
-    def begin(self, seen: Seen) -> Mapping[str, float]:
+    def begin(self, first_readings: FirstReadings) -> Mapping[str, float]:
         """States at start by name, those that are not zero."""
-        return {name: seen[name] for name in self.names if name in seen}
+        return {name: first_readings[name] for name in self.names if name in first_readings}
 
     def motion(self, x: Named, u: Named, theta: Named) -> Mapping[str, Any]:
         """What it estimates of the car's motion, by the names in `MOTION`."""
@@ -47,17 +47,17 @@ class NavigationSpace(StateSpace):
     def sampled(self, x: Named, u: Named, theta: Named, h: ca.SX, **deviations: Any) -> ca.SX:
         """Noise (e, e) of inputs with these standard deviations at each sample, as G Q Gᵀ in eq. 2.25 of Leung 2010:
         of steps as long as `theta.sample_time`, a step adds (h σ)², and as much in shorter ones together."""
-        held = theta.sample_time / h
-        return self.noise_of_inputs(x, u, theta, h, {name: d**2 * held for name, d in deviations.items()})
+        samples_per_step = theta.sample_time / h
+        return self.noise_of_inputs(x, u, theta, h, {name: d**2 * samples_per_step for name, d in deviations.items()})
 
-    def uncertain(self, name: str, seen: Seen) -> float:
+    def uncertain(self, name: str, first_readings: FirstReadings) -> float:
         """Standard deviation at start of an element of the error."""
         return self.prior[name]
 
-    def start(self, seen: Seen) -> Gaussian:
+    def start(self, first_readings: FirstReadings) -> Gaussian:
         """Mean and covariance at start, by the first readings and the numbers of the car."""
-        at = self.begin(seen)
-        deviations = np.array([self.uncertain(name, seen) for name in self.error_names])
+        at = self.begin(first_readings)
+        deviations = np.array([self.uncertain(name, first_readings) for name in self.error_names])
         return Gaussian(np.array([at.get(name, 0.0) for name in self.names]), np.diag(deviations**2))
 
 
@@ -108,23 +108,23 @@ class Definition:
 
     def make(self, numbers: Mapping[str, float]) -> Filter:
         """The filter, with these numbers of the car, of which it takes what it needs."""
-        made = {}
+        parts = {}
         for name, (system, measurements) in self.parts.items():
-            own = {key: numbers[key] for key in system.parameters}
-            made[name] = self.make_part(system, measurements, own)
+            own_numbers = {key: numbers[key] for key in system.parameters}
+            parts[name] = self.make_part(system, measurements, own_numbers)
         if self.is_cascade:
-            return Cascade(made, self.passed_inputs, self.passed_measurements)
-        found: Filter = next(iter(made.values()))
-        return found
+            return Cascade(parts, self.passed_inputs, self.passed_measurements)
+        only_part: Filter = next(iter(parts.values()))
+        return only_part
 
-    def start(self, seen: Seen) -> Gaussian:
+    def start(self, first_readings: FirstReadings) -> Gaussian:
         """Mean and covariance at start, nothing between parts."""
-        every = [system.start(seen) for system, _ in self.parts.values()]
-        sizes = [len(one.covariance) for one in every]
+        every = [system.start(first_readings) for system, _ in self.parts.values()]
+        sizes = [len(belief.covariance) for belief in every]
         covariance = np.zeros((sum(sizes), sum(sizes)))
-        for at, one in zip(np.cumsum([0, *sizes]), every, strict=False):
-            covariance[at : at + len(one.covariance), at : at + len(one.covariance)] = one.covariance
-        return Gaussian(np.concatenate([one.mean for one in every]), covariance)
+        for at, belief in zip(np.cumsum([0, *sizes]), every, strict=False):
+            covariance[at : at + len(belief.covariance), at : at + len(belief.covariance)] = belief.covariance
+        return Gaussian(np.concatenate([belief.mean for belief in every]), covariance)
 
     @property
     def states(self) -> tuple[str, ...]:
@@ -147,24 +147,27 @@ class Definition:
     @property
     def deviations(self) -> Array:
         """Standard deviations of the errors at start."""
-        return np.array([system.prior[one] for system, _ in self.parts.values() for one in system.error_names])
+        return np.array([system.prior[element] for system, _ in self.parts.values() for element in system.error_names])
 
     @property
     def inputs(self) -> tuple[str, ...]:
         """Names of the readings that drive it."""
         passed = {(link.target, name) for link in self.passed_inputs for name in (*link.names, *link.variances)}
-        wanted = ((part, name) for part, (system, _) in self.parts.items() for name in system.inputs)
-        return tuple(dict.fromkeys(name for part, name in wanted if (part, name) not in passed))
+        needed = ((part, name) for part, (system, _) in self.parts.items() for name in system.inputs)
+        return tuple(dict.fromkeys(name for part, name in needed if (part, name) not in passed))
 
     @property
     def measurements(self) -> tuple[Measurement, ...]:
         """What corrects it from outside, each name once."""
         fed = {(link.target, link.measurement) for link in self.passed_measurements}
-        own = [
-            one for part, (_, measurements) in self.parts.items() for one in measurements if (part, one.name) not in fed
+        from_outside = [
+            measurement
+            for part, (_, measurements) in self.parts.items()
+            for measurement in measurements
+            if (part, measurement.name) not in fed
         ]
-        every = [*own, *(link.sensor for link in self.passed_measurements)]
-        return tuple({one.name: one for one in every}.values())
+        every = [*from_outside, *(link.sensor for link in self.passed_measurements)]
+        return tuple({measurement.name: measurement for measurement in every}.values())
 
 
 def filters_of(filter: Filter) -> tuple[Any, ...]:

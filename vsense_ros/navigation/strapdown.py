@@ -22,7 +22,7 @@ import casadi as ca
 from vsense_ros.estimation import attitude
 from vsense_ros.estimation.state_space import Measurement, Named
 from vsense_ros.navigation.inertial import ASIDE, ASIDE_TIME, LINEAR, TYPICAL
-from vsense_ros.navigation.space import Definition, NavigationSpace, Seen, drifting
+from vsense_ros.navigation.space import Definition, FirstReadings, NavigationSpace, drifting
 
 _AXES = ("x", "y", "z")
 _Q, _V, _P, _G, _A, _L = (slice(0, 4), slice(4, 7), slice(7, 10), slice(10, 13), slice(13, 16), slice(16, 19))
@@ -106,12 +106,12 @@ class Strapdown(NavigationSpace):
         turn = attitude.difference(y.vector[_Q], x.vector[_Q])
         return ca.vertcat(turn, y.vector[4:] - x.vector[4:])
 
-    def begin(self, seen: Seen) -> Mapping[str, float]:
+    def begin(self, first_readings: FirstReadings) -> Mapping[str, float]:
         """Level, in the direction of travel."""
-        half = seen.get("yaw", 0.0) / 2
+        half = first_readings.get("yaw", 0.0) / 2
         names = ("velocity_east", "velocity_north", "east", "north", "rolling_radius")
-        known = {name: seen[name] for name in names if name in seen}
-        return {"q_w": cos(half), "q_z": sin(half), "rear_slip": TYPICAL["rear_slip"][0], **known}
+        initial = {name: first_readings[name] for name in names if name in first_readings}
+        return {"q_w": cos(half), "q_z": sin(half), "rear_slip": TYPICAL["rear_slip"][0], **initial}
 
     def motion(self, x: Named, u: Named, theta: Named) -> dict[str, Any]:
         w, a, b, c = ca.vertsplit(x.vector[_Q])

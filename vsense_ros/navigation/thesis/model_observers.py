@@ -33,7 +33,9 @@ class SingleTrack(NavigationSpace):
 
     def transition(self, x: Named, u: Named, theta: Named, h: ca.SX) -> Any:
         model = single_track.rates(x.side_slip, x.yaw_rate, u.steer_angle, u.speed, theta)
-        rate = ca.vertcat(*(own + more for own, more in zip(model, self.correction(x, u), strict=True)))
+        rate = ca.vertcat(
+            *(change + correction for change, correction in zip(model, self.correction(x, u), strict=True))
+        )
         return single_track.second_order(x.vector, rate, h)
 
     def noise(self, x: Named, u: Named, theta: Named, h: ca.SX) -> Any:

@@ -16,7 +16,7 @@ import numpy as np
 
 from vsense_ros.estimation.state_space import Measurement, Named
 from vsense_ros.navigation import single_track
-from vsense_ros.navigation.space import Definition, NavigationSpace, Seen, drifting
+from vsense_ros.navigation.space import Definition, FirstReadings, NavigationSpace, drifting
 
 _DEGREE = float(np.radians(1.0))
 
@@ -58,8 +58,8 @@ class ParameterEkf(NavigationSpace):
     def noise(self, x: Named, u: Named, theta: Named, h: ca.SX) -> Any:
         return drifting(h, *self.drifts)
 
-    def begin(self, seen: Seen) -> Mapping[str, float]:
-        return {"ratio": 1.0, "stiffness": 1.0, **super().begin(seen)}
+    def begin(self, first_readings: FirstReadings) -> Mapping[str, float]:
+        return {"ratio": 1.0, "stiffness": 1.0, **super().begin(first_readings)}
 
     def motion(self, x: Named, u: Named, theta: Named) -> dict[str, Any]:
         return {name: x[name] for name in ("forward_velocity", "lateral_velocity", "yaw_rate")}

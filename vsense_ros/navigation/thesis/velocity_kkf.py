@@ -69,8 +69,8 @@ def at_antenna(x: Named, z: Named, u: Named, p: Named) -> list[ca.SX]:
 def less_held(x: Named, z: Named, u: Named, p: Named) -> list[ca.SX]:
     """Velocity at the antenna less that of the last fix, in the axes of the car."""
     c, s = ca.cos(u.yaw), ca.sin(u.yaw)
-    held = [c * u.held_east + s * u.held_north, c * u.held_north - s * u.held_east]
-    return [mine - other for mine, other in zip(at_antenna(x, z, u, p), held, strict=True)]
+    held_velocity = [c * u.held_east + s * u.held_north, c * u.held_north - s * u.held_east]
+    return [present - held for present, held in zip(at_antenna(x, z, u, p), held_velocity, strict=True)]
 
 
 VELOCITY = Measurement("velocity", at_antenna, (0.1, 0.1))
