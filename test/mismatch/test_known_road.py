@@ -182,7 +182,7 @@ def test_grip_at_one_place_is_that_of_the_place_alone():
     here = survey.at(0.0, 0.0, 0.0)
     assert here.sizes == {"effects.friction_change.relative": pytest.approx(-0.3, abs=1e-3)}
     assert not here.slopes.any()
-    assert not here.known.any()
+    assert not here.on_profile.any()
     for elsewhere in (survey.at(0.0, 0.0, np.pi), survey.at(500.0, 0.0, 0.0)):
         assert elsewhere.sizes == {"effects.friction_change.relative": 0.0}
     assert RoadMap.of(vehicle, Map(None)).at(0.0, 0.0, 0.0) is None

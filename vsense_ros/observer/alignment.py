@@ -67,11 +67,11 @@ class Alignment:
         speed = np.hypot(*velocity.value)
         radius = LOADED * self._filter.car.vehicle.physics.rear.unloaded_radius
         rolling = radius * float(np.mean(np.abs(self._mean[U][SPIN])))
-        own = np.array([np.hypot(self._mean[FORWARD], self._mean[LATERAL]), rolling])
-        same = np.any(np.abs(own - speed) < _SAME_SPEED * speed)
+        own_speeds = np.array([np.hypot(self._mean[FORWARD], self._mean[LATERAL]), rolling])
+        same = np.any(np.abs(own_speeds - speed) < _SAME_SPEED * speed)
         health = self._intake.health
-        seen = (h for i, h in enumerate(health) if self._sensors[i].on_map and self._intake.sends(i))
-        return bool(same and all(h.contradicts for h in seen))
+        health_on_map = (h for i, h in enumerate(health) if self._sensors[i].on_map and self._intake.sends(i))
+        return bool(same and all(h.contradicts for h in health_on_map))
 
     def align(self, event: Event) -> bool:
         """Take the heading from a measurement, if it has one; True if that has just been done."""
@@ -136,22 +136,22 @@ class Alignment:
     def _stand(self, event: Event) -> None:
         """Take a position for where the car is, as long as its heading is not known: all while it stands."""
         mean = self._mean
-        seen = event.value, event.variance, self._sensors[event.sensor].mounting(), mean[YAW]
+        reading = event.value, event.variance, self._sensors[event.sensor].mounting(), mean[YAW]
         if abs(mean[FORWARD]) < _STANDING:
             if not event.counted:
-                self._standstill.add(*seen)
+                self._standstill.add(*reading)
             mean[[X, Y]] = self._standstill.antenna
         elif self._standstill.known:
             self._standstill.leave()
         else:
             np.copyto(mean[X : Y + 1], event.value, where=np.isfinite(event.value))
             if self._timeline.begun and not self._velocity_comes():
-                self._standstill.add(*seen)  # the way from here will give the heading
+                self._standstill.add(*reading)  # the way from here will give the heading
                 self._standstill.leave()
                 self._timeline.forget_past()
 
-    def _telling(self, events: dict[str, Event], what: MeasuredQuantity) -> list[Event]:
-        return [event for event in events.values() if what in self._sensors[event.sensor].measures]
+    def _telling(self, events: dict[str, Event], quantity: MeasuredQuantity) -> list[Event]:
+        return [event for event in events.values() if quantity in self._sensors[event.sensor].measures]
 
     def _velocity_comes(self) -> bool:
         return any("course" in s.measures and self._intake.sends(i) for i, s in enumerate(self._sensors))

@@ -75,18 +75,18 @@ class Balance:
         if self._complete and not silent and isfinite(event.value.dot(event.value)):
             self._heard, self._value = event.stamp, event.value.copy()
             return
-        has = np.isfinite(event.value)
-        if silent and (has != self._has).any():
+        present = np.isfinite(event.value)
+        if silent and (present != self._has).any():
             self.settle()
-            self._has, self._measured = has, self._measured_by(has)
-            self._complete, self._comparable = bool(has.all()), bool(self._measured.any())
-        if not (self._has & ~has).any():
+            self._has, self._measured = present, self._measured_by(present)
+            self._complete, self._comparable = bool(present.all()), bool(self._measured.any())
+        if not (self._has & ~present).any():
             self._heard, self._value = event.stamp, np.where(self._has, event.value, _AT_REST)
 
-    def _measured_by(self, has: NDArray[np.bool_]) -> NDArray[np.bool_]:
+    def _measured_by(self, present: NDArray[np.bool_]) -> NDArray[np.bool_]:
         """The sums that can be made of these axes (6,), each of which is for the most part one of the car."""
         nearest = np.abs(self._to_car).argmax(axis=1)
-        rates, forces = has[:3][nearest], has[3:][nearest]
+        rates, forces = present[:3][nearest], present[3:][nearest]
         about = rates & [forces[1], forces[0], True]  # a force at cog makes a moment about the road
         return np.concatenate([forces, about])
 
@@ -167,9 +167,11 @@ class Balance:
             return Diagnostic("balance of forces", Level.OK, text)
         # Until as much time has passed, the mean is of that time alone.
         mean = np.sqrt(self._square / (1 - exp(-self._since / MEMORY)))
-        known = np.isfinite(self._car.shares(np.where(self._measured, 0.0, np.nan)))
-        values = {f"{name} [%]": f"{100 * mean[i]:.1f}" for i, name in enumerate(SHARES) if known[i]}
-        over = [f"{name} {100 * mean[i]:.0f} %" for i, name in enumerate(SHARES) if known[i] and mean[i] > LARGEST[i]]
+        comparable = np.isfinite(self._car.shares(np.where(self._measured, 0.0, np.nan)))
+        values = {f"{name} [%]": f"{100 * mean[i]:.1f}" for i, name in enumerate(SHARES) if comparable[i]}
+        over = [
+            f"{name} {100 * mean[i]:.0f} %" for i, name in enumerate(SHARES) if comparable[i] and mean[i] > LARGEST[i]
+        ]
         if over and self._since > MEMORY:
             text = f"tyre forces do not add up to what {self.sensor} feels: {', '.join(over)} off"
             return Diagnostic("balance of forces", Level.WARN, text, values)

@@ -106,8 +106,8 @@ class Beginning:
         differs from several others, of which there was news lately, is wrong; else the newest message counts."""
         stamp, gap, now = event.stamp, LONGEST_GAP * 1e9, self._intake.newest_arrival
         near = {i for i, e in self._first.items() if abs(e.stamp - stamp) < gap}
-        others = [i for i in self._first if i != event.sensor and now - self._gathered[i] < gap]
-        if len(others) > 1 and not near.intersection(others):
+        other_sensors = [i for i in self._first if i != event.sensor and now - self._gathered[i] < gap]
+        if len(other_sensors) > 1 and not near.intersection(other_sensors):
             return False
         self._first = {i: e for i, e in self._first.items() if i in near}
         if not self._first:

@@ -168,13 +168,13 @@ class CarBlocks(CarMemory):
         self.road_map[changing, len(by_velocity.T) :] = h * by_road
         noise = process.noise.copy()
         way = h * abs(self.mean.item(FORWARD))
-        for slope, change, (rate, variance, back) in zip(
+        for slope, change, (rate, variance, reversion) in zip(
             (GRADE, BANK), (GRADE_CHANGE, BANK_CHANGE), self.roughness, strict=True
         ):
             decay = 1 / (1 + way * rate)
             self.road_map[slope, TWIST_SIZE + slope] += 1.0
             self.road_map[change, TWIST_SIZE + change] = decay
-            self.road_map[change, TWIST_SIZE + slope] = -decay * way * back
+            self.road_map[change, TWIST_SIZE + slope] = -decay * way * reversion
             noise[ROAD_STATES.start - SLOW + change] += variance * (1 - decay**2)
         return noise
 
@@ -225,12 +225,12 @@ class CarBlocks(CarMemory):
         *_, rate, by_velocity, by_road = self.kinematics.results
         road, mean = slow[..., ROAD_SLOW], self.reversion_mean[ROAD_SLOW]
         changes, slopes = slice(GRADE_CHANGE, BANK_CHANGE + 1), slice(GRADE, BANK + 1)
-        back = self.road_map[changes, TWIST_SIZE:]
+        reversion = self.road_map[changes, TWIST_SIZE:]
         form = road[..., SURFACE] - self.mean[FORM]  # of sigma points
         road[..., changes] = (
             mean[changes]
-            + (road[..., changes] - mean[changes]) @ back[:, changes].T
-            + (road[..., slopes] - mean[slopes]) @ back[:, slopes].T
+            + (road[..., changes] - mean[changes]) @ reversion[:, changes].T
+            + (road[..., slopes] - mean[slopes]) @ reversion[:, slopes].T
         )
         road[..., [GRADE, BANK, ROAD_HEIGHT]] += h * (
             rate[:, 0] + faster[..., :TWIST_SIZE] @ by_velocity.T + form @ by_road.T
@@ -253,14 +253,14 @@ class CarBlocks(CarMemory):
         return derivative, mass
 
     def sense(self, sensor: str, value: Array) -> tuple[Array, Array]:
-        known = self.sensed[sensor]
-        known.kernel.call()
-        expected, by_q, by_u, by_udot, by_disturbances, by_biases = known.kernel.results
-        h = by_udot.dot(self.through()) if known.uses_acceleration else np.zeros((len(expected), self.layout.size))
+        sensed = self.sensed[sensor]
+        sensed.kernel.call()
+        expected, by_q, by_u, by_udot, by_disturbances, by_biases = sensed.kernel.results
+        h = by_udot.dot(self.through()) if sensed.uses_acceleration else np.zeros((len(expected), self.layout.size))
         h[:, Q] += by_q
         h[:, U] += by_u
         h[:, DISTURB] += by_disturbances
-        biases = known.biases
+        biases = sensed.biases
         h[:, biases] += np.diag(by_biases[:, 0])[:, : biases.stop - biases.start]
         return value - expected[:, 0], h
 

@@ -155,7 +155,7 @@ class CarMemory:
                 self.sensed[name] = Sensed(i, kernel, biases, sensor.uses_acceleration, mounting)
         names = car.parameter_names
         self.components: Mapping[str, int] = {
-            name: len(self.sensor_list[one.index].deviations()) for name, one in self.sensed.items()
+            name: len(self.sensor_list[sensed.index].deviations()) for name, sensed in self.sensed.items()
         }
         self._distances = np.array([names.index(f"chassis.cog_to_{axle}_axle") for axle in ("front", "rear")])
 
@@ -167,11 +167,11 @@ class CarMemory:
         """The numbers of the process within `h` [s] with brakes that are released, and that may act, (2, size), kept
         for steps of equal length."""
         length = step_length(h)
-        known = self._processes.get(length)
-        if known is None:
-            known = np.array([self._numbers(length * 1e-5, brakes) for brakes in (RELEASED, BRAKING)])
-            self._processes[length] = known
-        return known
+        processes = self._processes.get(length)
+        if processes is None:
+            processes = np.array([self._numbers(length * 1e-5, brakes) for brakes in (RELEASED, BRAKING)])
+            self._processes[length] = processes
+        return processes
 
     @property
     def brakes(self) -> int:

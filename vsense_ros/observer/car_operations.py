@@ -126,11 +126,11 @@ class CarOperations(Operations):
         car: CarMemory,
         live: _Live,
         sensors: Mapping[str, tuple[_Sensor, int]],
-        found: tuple[Array, Array],
-        keep: Sequence[object],
+        outputs: tuple[Array, Array],
+        kept_alive: Sequence[object],
     ) -> None:
-        super().__init__(compiled, live, sensors, car.h, found, SINGULAR)
-        self._car, self._bound, self._bound_sensors, self._kept = car, live, sensors, [*keep]
+        super().__init__(compiled, live, sensors, car.h, outputs, SINGULAR)
+        self._car, self._bound, self._bound_sensors, self._kept = car, live, sensors, [*kept_alive]
         self._processes: dict[int, int] = {}  # addresses of the numbers of processes, by the length of the step
 
     @classmethod
@@ -150,12 +150,12 @@ class CarOperations(Operations):
         compiled = library("car", len(car.mean), "observer/car_blocks.c", "observer/car_live.c", LEARNING=1)
         if compiled is None:
             return None
-        found = np.full(COMPONENTS, np.nan), np.zeros(COMPONENTS * COMPONENTS)
-        made, kept = _filter(car, *found)
+        outputs = np.full(COMPONENTS, np.nan), np.zeros(COMPONENTS * COMPONENTS)
+        filter_arrays, kept_alive = _filter(car, *outputs)
         torques = car.prior.torques
         brakes = np.array([STANDING, GRAVITY, torques.drag, torques.engine_braking])  # `struct brakes` of car_blocks.c
         live = _Live(
-            filter=made,
+            filter=filter_arrays,
             **entries,
             expect=ctypes.addressof(expect),
             size=car.memory.size,
@@ -164,7 +164,7 @@ class CarOperations(Operations):
         )
         live.filter.owner = ctypes.addressof(live)
         sensors = {name: (_sensor(sensed), len(sensed.kernel.results[0])) for name, sensed in car.sensed.items()}
-        return cls(compiled, car, live, sensors, found, [expect, brakes, *kept])
+        return cls(compiled, car, live, sensors, outputs, [expect, brakes, *kept_alive])
 
     def process(self, h: float) -> int:
         length = step_length(h)
@@ -186,9 +186,9 @@ class CarOperations(Operations):
         False, and of no use any more, if any of it is not compiled."""
         effect, spread = (kernel.entry() for kernel in kernels)
         by_index = [sensors.get(name) for name in self._car.sensors]
-        seen = _entries([None if one is None else one.seen for one in by_index])
-        learn = _entries([None if one is None else one.learn for one in by_index])
-        if effect is None or spread is None or seen is None or learn is None:
+        seen_entries = _entries([None if of_sensor is None else of_sensor.seen for of_sensor in by_index])
+        learn_entries = _entries([None if of_sensor is None else of_sensor.learn for of_sensor in by_index])
+        if effect is None or spread is None or seen_entries is None or learn_entries is None:
             return False
         count, size = len(columns), len(arrays["added"]) // len(columns)
         for name, learned in sensors.items():
@@ -198,16 +198,16 @@ class CarOperations(Operations):
                 setattr(sensor, part, getattr(learned, part).ctypes.data)
             sensor.found, sensor.accelerations = _Known.of(learned.learned, count, size), learned.udot.ctypes.data
         names = ("physical", "decay", "moved", "grown", "added")
-        made = _Learning(
+        learning = _Learning(
             *(count, drifts, columns.ctypes.data, _Known.of(arrays["learned"], count, size)),
             gain=self._car.gain.ctypes.data,
             **{name: arrays[name].ctypes.data for name in names},
         )
         live = self._bound
         live.effect, live.spread = effect, spread
-        live.seen, live.learn = ctypes.addressof(seen), ctypes.addressof(learn)
-        live.filter.learning = ctypes.addressof(made)
-        self._kept += [made, columns, arrays, sensors, seen, learn]
+        live.seen, live.learn = ctypes.addressof(seen_entries), ctypes.addressof(learn_entries)
+        live.filter.learning = ctypes.addressof(learning)
+        self._kept += [learning, columns, arrays, sensors, seen_entries, learn_entries]
         return True
 
 
@@ -240,13 +240,13 @@ def _filter(car: CarMemory, whitened: Array, factor: Array) -> tuple[_Filter, li
         "remembered": remembered,
         "added": car.forces.results[0].reshape(-1, order="F"),
     }
-    made = _Filter(
+    arrays_in_c = _Filter(
         model=ModelStructure(*(array.ctypes.data for array in model)),
         effects_size=car.effects.size,
         gamma=GAMMA,
         **{name: array.ctypes.data for name, array in arrays.items()},
     )
-    return made, [*model, *arrays.values()]
+    return arrays_in_c, [*model, *arrays.values()]
 
 
 def _sensor(sensed: Sensed) -> _Sensor:
@@ -259,5 +259,5 @@ def _sensor(sensed: Sensed) -> _Sensor:
 def _entries(kernels: Sequence[Kernel | None]) -> ctypes.Array[Entry] | None:
     """Entries of the kernels, one for each sensor, empty where it has none; None if one is not compiled."""
     entries = [Entry() if kernel is None else kernel.entry() for kernel in kernels]
-    made = [entry for entry in entries if entry is not None]
-    return (Entry * len(made))(*made) if len(made) == len(entries) else None
+    compiled = [entry for entry in entries if entry is not None]
+    return (Entry * len(compiled))(*compiled) if len(compiled) == len(entries) else None

@@ -52,8 +52,8 @@ def dekf(vehicle: Vehicle, sensors: dict[str, SensorBase], prior: Prior | None =
 
 def cekf(vehicle: Vehicle, sensors: dict[str, SensorBase], prior: Prior | None = None) -> CarFilter:
     """The EKF in continuous form."""
-    held = numbers_held(len(sensor.deviations()) for sensor in sensors.values())
-    return CarCekf(WholeCar(vehicle, sensors, extra=held, prior=prior))
+    held_numbers = numbers_held(len(sensor.deviations()) for sensor in sensors.values())
+    return CarCekf(WholeCar(vehicle, sensors, extra=held_numbers, prior=prior))
 
 
 def ukf(vehicle: Vehicle, sensors: dict[str, SensorBase], prior: Prior | None = None) -> CarFilter:
@@ -99,11 +99,13 @@ def with_parameters(vehicle: Vehicle) -> Vehicle:
         "rear.cornering_scale": SPI_DEFAULTS.cornering_scale,
     }
     deviations |= {name: stated for name, stated in vehicle.deviations().items() if name in deviations}
-    known, least = vehicle.values(), SPI_DEFAULTS.least_share
+    values, least_share = vehicle.values(), SPI_DEFAULTS.least_share
     parameters = {
-        name: EstimatedParameter(deviation=deviation, lower=max(known[name] - 4 * deviation, least * known[name]))
+        name: EstimatedParameter(
+            deviation=deviation, lower=max(values[name] - 4 * deviation, least_share * values[name])
+        )
         for name, deviation in deviations.items()
-        if name in known and deviation > 0
+        if name in values and deviation > 0
     }
     observer = vehicle.observer.model_copy(update={"parameters": parameters})
     return vehicle.model_copy(update={"observer": observer})

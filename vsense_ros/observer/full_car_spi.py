@@ -72,8 +72,8 @@ class FullCarParameterUkf(ParameterUkf, OnFullCars):
 
     def accelerations(self, arguments: list[ca.MX], deviation: ca.MX, of_state: ca.MX) -> ca.MX:
         """Theirs, and what errors of the disturbances add, in which the cars do not differ."""
-        by_disturbances, others = arguments[9], arguments[13]
-        return others + by_disturbances @ of_state[DISTURB, :]
+        by_disturbances, of_other_cars = arguments[9], arguments[13]
+        return of_other_cars + by_disturbances @ of_state[DISTURB, :]
 
     def deviations(self) -> tuple[ca.SX, ca.SX]:
         points = self.points(self.covariance)
@@ -100,8 +100,8 @@ class FullCarNumbers:
         k = len(settings)
         places = [self._value]
         for i in range(k):
-            for other in (below, above):
-                places.append(np.where(np.arange(k) == i, other, self._value))
+            for side in (below, above):
+                places.append(np.where(np.arange(k) == i, side, self._value))
         places += [np.where(np.isin(np.arange(k), pair), above, self._value) for pair in combinations(range(k), 2)]
         numbers = [
             car.parameters(vehicle.with_parameters(dict(zip(settings, map(float, place), strict=True))))
@@ -168,9 +168,9 @@ class FullCarSpi(Spi):
     @cached_property
     def _deviations(self) -> Kernel:
         """What the other cars have different."""
-        made = self.equations
-        assert isinstance(made, OnFullCars)
+        equations = self.equations
+        assert isinstance(equations, OnFullCars)
         function = codegen.function(
-            "parameters_elsewhere", [made.sensitivity, made.covariance], [*made.deviations()], ("S", "M")
+            "parameters_elsewhere", [equations.sensitivity, equations.covariance], [*equations.deviations()], ("S", "M")
         )
         return Kernel(function, [self._s, self._m])

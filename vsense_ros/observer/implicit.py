@@ -77,12 +77,12 @@ class ImplicitCar(CarBlocks):
         self._moved_q, self._moved_u = q, u
         around = [self.mean[FORCE], self.mean[DISTURB], self.inputs, self.parameters, self.effects]
         rate, mass = codegen.compiled("implicit", [_rate_function(), _mass_function(self.car)])
-        self._rate_here = Kernel(rate, [self.mean[Q], self.mean[U], self.mean[DISTURB]])
-        self._rate_there = Kernel(rate, [q, u, self.mean[DISTURB]])
+        self._rate_at_begin = Kernel(rate, [self.mean[Q], self.mean[U], self.mean[DISTURB]])
+        self._rate_at_end = Kernel(rate, [q, u, self.mean[DISTURB]])
         self._parts: tuple[OffloadedParts, ...] = ()
         if parts is None or not parts.names:
-            self._here = Kernel(self.functions["dynamics"], self.arguments)
-            self._there = Kernel(self.functions["dynamics"], [q, u, *around])
+            self._at_begin = Kernel(self.functions["dynamics"], self.arguments)
+            self._at_end = Kernel(self.functions["dynamics"], [q, u, *around])
             self._mass = Kernel(mass, [self.mean[Q], *around[1:]])
             return
         if vehicle.suspension is None:
@@ -90,15 +90,16 @@ class ImplicitCar(CarBlocks):
                 f"{vehicle.name}: an accelerator computes {', '.join(parts.names)} from tables of the suspensions, "
                 "which the vehicle file lacks; make them with vsense suspension, or take the kernel solve14 alone"
             )
-        own = CarInParts(vehicle)
-        dynamics, mass = codegen.compiled("car_in_parts", [own.dynamics_function(), own.mass_function()])
-        here, there = (
-            OffloadedParts(own, vehicle, parts, [*where, *around[1:]]) for where in (self.arguments[:2], [q, u])
+        in_parts = CarInParts(vehicle)
+        dynamics, mass = codegen.compiled("car_in_parts", [in_parts.dynamics_function(), in_parts.mass_function()])
+        at_begin, at_end = (
+            OffloadedParts(in_parts, vehicle, parts, [*position, *around[1:]])
+            for position in (self.arguments[:2], [q, u])
         )
-        self._parts = here, there
-        self._here = Kernel(dynamics, [*self.arguments, *here.memory])
-        self._there = Kernel(dynamics, [q, u, *around, *there.memory])
-        self._mass = Kernel(mass, [self.mean[Q], *around[1:], *here.memory])
+        self._parts = at_begin, at_end
+        self._at_begin = Kernel(dynamics, [*self.arguments, *at_begin.memory])
+        self._at_end = Kernel(dynamics, [q, u, *around, *at_end.memory])
+        self._mass = Kernel(mass, [self.mean[Q], *around[1:], *at_begin.memory])
 
     def step(self, h: float) -> None:
         process = self.process(h)
@@ -121,11 +122,11 @@ class ImplicitCar(CarBlocks):
         """Coordinates and velocities after the step; None where the iteration does not end."""
         for part in self._parts[:1]:
             part.update()
-        self._here.call()
-        self._rate_here.call()
+        self._at_begin.call()
+        self._rate_at_begin.call()
         self._mass.call()
         q0, u0 = self.mean[Q].copy(), self.mean[U].copy()
-        f0, rate0 = self._here.results[0][:, 0].copy(), self._rate_here.results[0][:, 0].copy()
+        f0, rate0 = self._at_begin.results[0][:, 0].copy(), self._rate_at_begin.results[0][:, 0].copy()
         mass = self._mass.results[0]
         matrix = mass @ (np.eye(COORDINATES) - h / 2 * self.by_u - h * h / 4 * self.by_q_rates)
         q, u = self._moved_q, self._moved_u
@@ -134,10 +135,10 @@ class ImplicitCar(CarBlocks):
         for _ in range(MOST):
             for part in self._parts[1:]:
                 part.update()
-            self._there.call()
-            self._rate_there.call()
-            q[:] = q0 + h / 2 * (rate0 + self._rate_there.results[0][:, 0])
-            missing = u0 + h / 2 * (f0 + self._there.results[0][:, 0]) - u
+            self._at_end.call()
+            self._rate_at_end.call()
+            q[:] = q0 + h / 2 * (rate0 + self._rate_at_end.results[0][:, 0])
+            missing = u0 + h / 2 * (f0 + self._at_end.results[0][:, 0]) - u
             change = self.solve(matrix, mass @ missing)
             u += change
             self.iterations += 1
@@ -145,8 +146,8 @@ class ImplicitCar(CarBlocks):
             if not np.isfinite(size):
                 return None
             if size < self.tolerance:
-                self._rate_there.call()
-                q[:] = q0 + h / 2 * (rate0 + self._rate_there.results[0][:, 0])
+                self._rate_at_end.call()
+                q[:] = q0 + h / 2 * (rate0 + self._rate_at_end.results[0][:, 0])
                 return q.copy(), u.copy()
         return None
 
@@ -200,11 +201,11 @@ def outside_with(client: Client, kernels: Collection[str], at: Callable[[float],
     return Outside(solve, turned_by(client) if FULL_KERNELS[1] in kernels else None, at)
 
 
-def _refuse_others(kernels: Collection[str], known: Collection[str]) -> None:
-    if unknown := [name for name in kernels if name not in known]:
+def _refuse_others(kernels: Collection[str], useful: Collection[str]) -> None:
+    if unknown := [name for name in kernels if name not in useful]:
         raise InputError(
             f"this observer has no use for the kernel {', '.join(unknown)} of an accelerator; it has for "
-            f"{', '.join(known)}"
+            f"{', '.join(useful)}"
         )
 
 

@@ -144,11 +144,11 @@ class Monitor:
                 continue
             shown, first = sensor.components, len(self.quantities)
             last = first + len(shown)
-            self.quantities += [Quantity(f"{name} {each.name} innovation", "deviations") for each in shown]
+            self.quantities += [Quantity(f"{name} {component.name} innovation", "deviations") for component in shown]
             self.quantities.append(Quantity(f"{name} innovation squared", "expectations"))
             self._sensors.append(_Watched(slice(first, last), last, len(sensor.deviations()), gate))
-        known = any("torques" in sensor.measures for sensor in sensors.values())
-        slow = [*_FORCES, *(_TORQUES if known else ())]
+        torques_measured = any("torques" in sensor.measures for sensor in sensors.values())
+        slow = [*_FORCES, *(_TORQUES if torques_measured else ())]
         biases = {f"{name}.{bias.name}": bias.unit for name, sensor in sensors.items() for bias in sensor.biases()}
         for index in range(DISTURB.start, car.layout.size):
             name = car.layout.names[index]
@@ -190,10 +190,10 @@ class Monitor:
                 f"the limits of the monitor are those of other sensors: {', '.join(unknown)} does not exist here; "
                 "make new ones with vsense monitor --calibrate"
             )
-        for name, found in limits.quantities.items():
+        for name, bounds in limits.quantities.items():
             i = places[name]
-            low[i], high[i] = found.low, found.high
-            most[i] = np.inf if found.rms is None else found.rms
+            low[i], high[i] = bounds.low, bounds.high
+            most[i] = np.inf if bounds.rms is None else bounds.rms
         return low, high, most
 
     def forget(self) -> None:
@@ -252,10 +252,10 @@ class Monitor:
             nis, values = watched.nis[: watched.count], watched.values[: watched.count]
             trusted = np.minimum(nis, watched.limit)
             part[:, watched.ratio] += (trusted.sum() / watched.components, np.nan, len(nis))
-            seen = np.isfinite(values)
+            present = np.isfinite(values)
             scale = np.sqrt(trusted / np.maximum(nis, 1e-300))[:, None]
-            values = np.where(seen, values, 0.0) * scale
-            part[:, watched.axes] += (values.sum(axis=0), (values**2).sum(axis=0), seen.sum(axis=0))
+            values = np.where(present, values, 0.0) * scale
+            part[:, watched.axes] += (values.sum(axis=0), (values**2).sum(axis=0), present.sum(axis=0))
             watched.count = 0
         slow = self._slow.values[: self._slow.count, self._places]
         part[:, self._of_slow] += _sums(slow)
@@ -302,8 +302,8 @@ class Monitor:
             return Diagnostic("model", Level.OK, "fits", values)
         names = list(values)
         more = f" and {len(names) - _NAMED} more" if len(names) > _NAMED else ""
-        said = f"no longer fits since {_clock(min(self._since.values()))}: {', '.join(names[:_NAMED])}{more}"
-        return Diagnostic("model", Level.WARN, said, values)
+        sentence = f"no longer fits since {_clock(min(self._since.values()))}: {', '.join(names[:_NAMED])}{more}"
+        return Diagnostic("model", Level.WARN, sentence, values)
 
 
 def _sums(values: Array) -> Array:

@@ -46,8 +46,8 @@ def undetermined(car: CarBlocks, covariance: Array) -> Array:
     """Flags (2,): True where the longitudinal forces of single wheels, and the height of the road, are not determined
     by what was measured, at this covariance (n, n) of the errors of the state."""
     prior = float(car.prior.deviation[_HEIGHT])
-    kept = float(covariance[_HEIGHT, _HEIGHT]) > (1 - SETTINGS.removed) * prior**2
-    return np.array([not car.prior.torques.determine_forces, kept and prior > SETTINGS.open_height])
+    height_open = float(covariance[_HEIGHT, _HEIGHT]) > (1 - SETTINGS.removed) * prior**2
+    return np.array([not car.prior.torques.determine_forces, height_open and prior > SETTINGS.open_height])
 
 
 def needs(flags: Array) -> str:

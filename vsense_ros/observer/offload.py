@@ -49,11 +49,11 @@ def turned_by(client: Client) -> Callable[[Array], Array]:
     """`model.multibody.outside.turned` by an accelerator, one body after the other."""
 
     def turn(bodies: Array) -> Array:
-        found, requests = np.zeros((len(bodies), BODY_MASS.words_out)), bodies.astype(np.float32).view(np.uint32)
+        results, requests = np.zeros((len(bodies), BODY_MASS.words_out)), bodies.astype(np.float32).view(np.uint32)
         for i, body in enumerate(bodies):
             result = client.request(BODY_MASS, requests[i], partial(_is_of_body, body))
-            found[i] = turned(bodies[i : i + 1])[0] if result is None else result
-        return found
+            results[i] = turned(bodies[i : i + 1])[0] if result is None else result
+        return results
 
     return turn
 
@@ -61,12 +61,12 @@ def turned_by(client: Client) -> Callable[[Array], Array]:
 def _is_of_body(body: Array, result: NDArray[np.float32]) -> bool:
     """True if R J Rᵀ and m R s (9,) may be those of a body (19,): turned, they keep trace and size."""
     xx, xy, xz, yy, yz, zz, *moment = result.astype(float).tolist()
-    own, size = body[9:12], float((body[9:12] ** 2).sum() + 2 * (body[12:15] ** 2).sum())
-    found = xx * xx + yy * yy + zz * zz + 2 * (xy * xy + xz * xz + yz * yz)
+    moments, size = body[9:12], float((body[9:12] ** 2).sum() + 2 * (body[12:15] ** 2).sum())
+    squares = xx * xx + yy * yy + zz * zz + 2 * (xy * xy + xz * xz + yz * yz)
     length = float(body[18] * np.sqrt((body[15:18] ** 2).sum()))
     return bool(
-        abs(xx + yy + zz - own.sum()) <= MATCHING * own.sum()
-        and abs(found - size) <= MATCHING * size
+        abs(xx + yy + zz - moments.sum()) <= MATCHING * moments.sum()
+        and abs(squares - size) <= MATCHING * size
         and abs(np.sqrt(sum(x * x for x in moment)) - length) <= MATCHING * length
     )
 
@@ -76,9 +76,9 @@ class OffloadedParts:
     state. `update` writes `columns` (18×4) and `inertias` (6×4) of `CarInParts`, to whose arrays, `memory`, a `Kernel`
     of its functions may be bound."""
 
-    def __init__(self, car: CarInParts, vehicle: Vehicle, parts: Parts, where: list[Array]) -> None:
+    def __init__(self, car: CarInParts, vehicle: Vehicle, parts: Parts, arguments: list[Array]) -> None:
         self._client, self._names = parts.client, frozenset(parts.names)
-        q, u, *around = where
+        q, u, *around = arguments
         functions = [car.places_function(), car.columns_function(), car.axes_function(), car.inertias_function()]
         places, columns, axes, inertias = codegen.compiled("parts", functions)
         self.columns, self.inertias = np.zeros(3 * 6 * len(WHEELS)), np.zeros(6 * len(WHEELS))
@@ -100,11 +100,11 @@ class OffloadedParts:
 
     def update(self) -> None:
         """The parts where the arrays have the car."""
-        found = self._moved() if "suspension_motion" in self._names else None
-        if found is None:
+        columns = self._moved() if "suspension_motion" in self._names else None
+        if columns is None:
             self._columns.call()
-            found = self._columns.results[0].reshape(-1, order="F")
-        self.columns[:] = found
+            columns = self._columns.results[0].reshape(-1, order="F")
+        self.columns[:] = columns
         turned = self._turned() if "body_mass" in self._names else None
         if turned is None:
             self._inertias.call()
@@ -117,18 +117,18 @@ class OffloadedParts:
         places = self._places.results[0]
 
         def check(result: NDArray[np.float32]) -> bool:
-            given = result.reshape(len(WHEELS), 6, 4)[:, :, :3].sum(axis=1, dtype=float)
-            return all(self._sums[i // 2].agrees(given[i], places[0, i], places[1, i]) for i in range(len(WHEELS)))
+            received = result.reshape(len(WHEELS), 6, 4)[:, :, :3].sum(axis=1, dtype=float)
+            return all(self._sums[i // 2].agrees(received[i], places[0, i], places[1, i]) for i in range(len(WHEELS)))
 
         words = places.reshape(-1, order="F").astype(np.float32).view(np.uint32)
-        found = self._client.request(SUSPENSION_MOTION, words, check)
-        return None if found is None else found.reshape(len(WHEELS), 6, 4)[:, :, :3].astype(float).reshape(-1)
+        answer = self._client.request(SUSPENSION_MOTION, words, check)
+        return None if answer is None else answer.reshape(len(WHEELS), 6, 4)[:, :, :3].astype(float).reshape(-1)
 
     def _turned(self) -> Array | None:
         """`inertias` by the accelerator, one request for each wheel."""
         self._axes.call()
         turns = self._axes.results[0]
-        found = np.zeros((len(WHEELS), 6))
+        inertias = np.zeros((len(WHEELS), 6))
         for i, (across, along, hub, wheel) in enumerate(self._parameters[self._numbers].tolist()):
             turn = turns[:, i].reshape(3, 3)
 
@@ -140,8 +140,8 @@ class OffloadedParts:
             result = self._client.request(BODY_MASS, request.view(np.uint32), check)
             if result is None:
                 return None
-            found[i] = result[:6]
-        return found.reshape(-1)
+            inertias[i] = result[:6]
+        return inertias.reshape(-1)
 
 
 class _Sum:
@@ -158,14 +158,14 @@ class _Sum:
         order = np.arange(len(sizes))
         self._allowed = ROUNDING * np.array([sizes @ w for w in (np.ones(len(sizes)), order, order * (order - 1) / 2)])
 
-    def agrees(self, given: Array, along: float, across: float) -> bool:
+    def agrees(self, received: Array, along: float, across: float) -> bool:
         """True if value, slope and half curvature (3,) are those of the sum at ξ and η."""
         rows = self._sum @ across ** np.arange(self._sum.shape[1])
         value, slope, half = rows[-1], 0.0, 0.0
         for row in rows[-2::-1]:
             half, slope, value = half * along + slope, slope * along + value, value * along + row
         # What single precision makes of ξ and η counts, too.
-        return bool((np.abs(given - (value, slope, half)) <= self._allowed + 1e-12).all())
+        return bool((np.abs(received - (value, slope, half)) <= self._allowed + 1e-12).all())
 
 
 def _is_inertia(result: NDArray[np.float32], turn: Array, across: float, along: float) -> bool:

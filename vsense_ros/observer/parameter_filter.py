@@ -62,8 +62,8 @@ class ParameterFilter(ABC):
         """State, accelerations and their Jacobians, S, M, the memory of the effects, and accelerations of the cars that
         act elsewhere if there are any."""
         model = [self.udot, self.by_q, self.by_u, self.by_disturbances]
-        others = [self.others] if self.elsewhere else []
-        return [*self.state, *model, self.sensitivity, self.covariance, self.car.internal_state, *others]
+        of_other_cars = [self.others] if self.elsewhere else []
+        return [*self.state, *model, self.sensitivity, self.covariance, self.car.internal_state, *of_other_cars]
 
     @property
     def elsewhere(self) -> int:
@@ -116,11 +116,11 @@ class ParameterFilter(ABC):
         turned, twist, form, followed = self._following()(s, velocities)
         body = product(by_angles, turned, product(by_velocity, twist, product(by_road, form)))
         road = product(followed, road_map)
-        moved, grown, kept, root = self._moved()(s, m, drift, velocities, body, road, h, decay)
+        moved, grown, retained, root = self._moved()(s, m, drift, velocities, body, road, h, decay)
         return codegen.function(
             "parameters_predict",
             [s, m, effect, drift, transposed, *by, road_map, h, decay],
-            [product(moved, kept), grown, product(moved, root)],
+            [product(moved, retained), grown, product(moved, root)],
             ("S", "M", "effect", "drift", "gain", "by_angles", "by_velocity", "by_road", "road_map", "h", "decay"),
         )
 
@@ -151,12 +151,12 @@ class ParameterFilter(ABC):
         slow = ca.repmat(decay, 1, k) * s[U.stop :, :]
         surface = road.T
         surface[-1, :] += s[ROAD_STATES.stop - 1, :]
-        here = slice(ROAD_STATES.start - U.stop, ROAD_STATES.stop - U.stop)
-        slow[here, :] = ca.repmat(decay[here], 1, k) * surface
+        road_rows = slice(ROAD_STATES.start - U.stop, ROAD_STATES.stop - U.stop)
+        slow[road_rows, :] = ca.repmat(decay[road_rows], 1, k) * surface
         grown = m + h * ca.diag(drift)
-        kept = _solve(grown, m)
-        lost = m - m @ kept
-        results = [ca.vertcat(coordinates, velocities.T, slow), grown, kept.T, _root((lost + lost.T) / 2)]
+        retained = _solve(grown, m)
+        lost = m - m @ retained
+        results = [ca.vertcat(coordinates, velocities.T, slow), grown, retained.T, _root((lost + lost.T) / 2)]
         return function("moved", [s, m, drift, velocities, body, road, h, decay], results)
 
     def seen(self, name: str, sensor: SensorBase, biases: slice) -> ca.Function:
@@ -170,7 +170,7 @@ class ParameterFilter(ABC):
             *((f"by_{i}", (m, columns)) for i, columns in enumerate((COORDINATES,) * 3 + (len(DISTURBANCES), 1))),
         ))  # fmt: skip
         y, d = self.spread(sensor, biases)(*arguments, effect, bias, mounting, *by)
-        weighted, *found = self._weighed(m)(variance, whitened, factor, y)
+        weighted, *weighed = self._weighed(m)(variance, whitened, factor, y)
         by_q, by_u, by_disturbances = (product(weighted, by[i]) for i in (0, 1, 3))
         if sensor.uses_acceleration:
             forces = product(weighted, by[2])
@@ -179,8 +179,8 @@ class ParameterFilter(ABC):
         else:
             forces, dynamic = (ca.MX.zeros(self.width, columns) for columns in (COORDINATES, len(DYNAMIC)))
         across = self._across(m, biases)(by_q, by_u, by_disturbances, forces, dynamic, weighted, by[4])
-        given = [*arguments, effect, bias, mounting, variance, whitened, factor, *by]
-        return codegen.function(name, given, [across, *found, d], numbered(len(given)))
+        inputs = [*arguments, effect, bias, mounting, variance, whitened, factor, *by]
+        return codegen.function(name, inputs, [across, *weighed, d], numbered(len(inputs)))
 
     def _weighed(self, m: int) -> ca.Function:
         """(variance (m), L⁻¹ r, L transposed, Y) → Yᵀ R⁻¹ (p×m), Yᵀ C⁻¹ Y, Yᵀ C⁻¹ r."""
@@ -219,14 +219,14 @@ class ParameterFilter(ABC):
         n, k, p = self.size, self.count, self.width
         arguments = [_like(a) for a in self.arguments]
         shapes = ((COORDINATES, k), (p, n), (p, p), (p, 1), (k, p), (k, k), (k, 1), (k, 1), (k, 1))
-        given = [ca.MX.sym("a", *shape) for shape in shapes]
-        effect, pv, *found = given
+        inputs = [ca.MX.sym("a", *shape) for shape in shapes]
+        effect, pv, *innovation_terms = inputs
         sensitivity, covariance = arguments[10:12]
-        new, corrected, regression, information, difference = self._corrected()(covariance, *found)
+        new, corrected, regression, information, difference = self._corrected()(covariance, *innovation_terms)
         moved, change, *errors = self._changed()(sensitivity, product(regression, pv), effect, difference)
         udot = self.through(arguments, *errors)
         results = [new, corrected, moved, information, change, udot]
-        return codegen.function("parameters_learn", [*arguments, *given], results, numbered(len(arguments) + 9))
+        return codegen.function("parameters_learn", [*arguments, *inputs], results, numbered(len(arguments) + 9))
 
     def _corrected(self) -> ca.Function:
         """(M, Yᵀ C⁻¹ Y, Yᵀ C⁻¹ r, D, information, θ, bounds) → θ, M, minus the transpose of what Y times is T (k×p),

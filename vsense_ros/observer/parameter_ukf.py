@@ -75,8 +75,8 @@ class ParameterUkf(ParameterFilter):
         deviation, of_state = self._deviations(arguments)
         accelerations = self.accelerations(arguments, deviation, of_state)
         s, nothing = arguments[10], ca.MX.zeros(COORDINATES, self.count)
-        known = self.through(arguments, s[DYNAMIC.tolist(), :], s[U, :], s[DISTURB, :], nothing)
-        beyond = accelerations - known @ deviation
+        linear_effect = self.through(arguments, s[DYNAMIC.tolist(), :], s[U, :], s[DISTURB, :], nothing)
+        beyond = accelerations - linear_effect @ deviation
         weighted = ca.DM(np.diag(self.weights)) @ deviation.T
         m = ca.SX.sym("m", self.count, self.count)
         x = ca.SX.sym("x", COORDINATES, self.count)

@@ -29,12 +29,12 @@ SAME_WAY = 0.5  # cosine between the car's direction and that of the road it dri
 
 
 @dataclass(frozen=True)
-class Here:
+class RoadAtCar:
     """The road where the car is."""
 
     slopes: Array  # (2,) along and across, positive uphill and with the left side higher [rad]
     changes: Array  # (2,) of these along the way [rad/m], as far as profiles have them
-    known: Array  # (2,) 1 for each of them that a profile has, 0 where it is as everywhere, or on the way there
+    on_profile: Array  # (2,) 1 for each of them that a profile has, 0 where it is as everywhere, or on the way there
     sizes: Mapping[str, float]  # of effects, by dotted name
 
 
@@ -65,39 +65,39 @@ class RoadMap:
         sure = car.covariance.item(X, X) + car.covariance.item(Y, Y) < PLACED**2
         if not (sure or isfinite(last_east)):
             return
-        here = self.at(east, north, car.mean.item(YAW)) if sure else self._here({})
-        if here is None:
+        road = self.at(east, north, car.mean.item(YAW)) if sure else self._by_profiles({})
+        if road is None:
             return
-        car.follow_slopes(here.slopes, here.changes, car.surveyed[2:] * here.known)
-        for name, size in here.sizes.items():
+        car.follow_slopes(road.slopes, road.changes, car.surveyed[2:] * road.on_profile)
+        for name, size in road.sizes.items():
             if name in self._parameters:
                 car.parameters[self._parameters[name]] = size
-        car.surveyed[:2], car.surveyed[2:] = (east, north) if sure else np.inf, here.known
+        car.surveyed[:2], car.surveyed[2:] = (east, north) if sure else np.inf, road.on_profile
         filter.linearize()
 
-    def at(self, east: float, north: float, heading: float) -> Here | None:
+    def at(self, east: float, north: float, heading: float) -> RoadAtCar | None:
         """The road at a place on the map [m], for who drives in a direction [rad]; None before the first fix."""
         if self._on_map.origin is None:
             return None
         if not self._profiles:
             self._profiles = {e.id: Profile(_rows(e), self._on_map) for e in self._effects if _rows(e)}
-        return self._here({id: profile.at(east, north, heading) for id, profile in self._profiles.items()})
+        return self._by_profiles({id: profile.at(east, north, heading) for id, profile in self._profiles.items()})
 
-    def _here(self, surveyed: Mapping[str, Surveyed]) -> Here:
+    def _by_profiles(self, surveyed: Mapping[str, Surveyed]) -> RoadAtCar:
         """The road by what profiles say of this place, by the id of their effect."""
-        slopes, changes, known, sizes = np.zeros(2), np.zeros(2), np.zeros(2), {}
+        slopes, changes, on_profiles, sizes = np.zeros(2), np.zeros(2), np.zeros(2), {}
         for effect in self._effects:
             if isinstance(effect, RoadEffect) and effect.profile:
                 beyond, change, on_profile = surveyed.get(effect.id, NOWHERE)
                 name = effect.size_name()
                 if on_profile:
                     by_size = slope_by_size(effect)
-                    known += by_size != 0.0
+                    on_profiles += by_size != 0.0
                     changes += change * by_size
                 effect = effect.model_copy(update={name: getattr(effect, name) + beyond})
                 sizes[f"effects.{effect.id}.{name}"] = getattr(effect, name)
             slopes += effect.mean_slope
-        return Here(slopes, changes, np.minimum(known, 1.0), sizes)
+        return RoadAtCar(slopes, changes, np.minimum(on_profiles, 1.0), sizes)
 
 
 class Surveyed(NamedTuple):
@@ -133,9 +133,9 @@ class Profile:
         on = (share >= 0) & (share <= 1) & (across < NEAR) & (self._along @ way > SAME_WAY)
         if on.any():
             i = int(np.argmin(np.where(on, across, np.inf)))
-            both = slice(self._begin[i], self._begin[i] + 2)
+            pair = slice(self._begin[i], self._begin[i] + 2)
             place_on = share.item(i), self._length.item(i)
-            return Surveyed(*road_profile.between(*place_on, self._value[both], self._change[both]), True)
+            return Surveyed(*road_profile.between(*place_on, self._value[pair], self._change[pair]), True)
         east, north = (place - self._at).T
         ahead, aside = np.cos(self._direction), np.sin(self._direction)
         along, across = np.abs(east * ahead + north * aside), np.abs(north * ahead - east * aside)
@@ -151,12 +151,12 @@ class Profile:
 
 def with_changes(rows: Rows, on_map: Map) -> Array:
     """Rows of a `RoadEffect.profile` on a map, (n, 5): `places`, and what the value changes by along the road [1/m]."""
-    found = places(rows, on_map)
-    length, joined = joined_chords(found[:, :2])
+    placed_rows = places(rows, on_map)
+    length, joined = joined_chords(placed_rows[:, :2])
     apart = np.setdiff1d(np.arange(len(length)), joined) + 1
     way = np.concatenate([[0.0], np.cumsum(length)])
-    stretches = zip(np.split(way, apart), np.split(found[:, 3], apart), strict=True)
-    return np.column_stack([found, np.concatenate([road_profile.changes(*one) for one in stretches])])
+    stretches = zip(np.split(way, apart), np.split(placed_rows[:, 3], apart), strict=True)
+    return np.column_stack([placed_rows, np.concatenate([road_profile.changes(*stretch) for stretch in stretches])])
 
 
 def joined_chords(at: Array) -> tuple[Array, NDArray[np.int64]]:
@@ -170,7 +170,7 @@ def places(rows: Rows, on_map: Map) -> Array:
     fixes = ({"latitude": [row[0]], "longitude": [row[1]], "altitude": [0.0]} for row in rows)
     placed = [on_map.placed({name: np.array(value) for name, value in fix.items()}) for fix in fixes]
     return np.array(
-        [[float(one["east"][0]), float(one["north"][0]), *row[2:]] for one, row in zip(placed, rows, strict=True)]
+        [[float(place["east"][0]), float(place["north"][0]), *row[2:]] for place, row in zip(placed, rows, strict=True)]
     )
 
 

@@ -86,9 +86,9 @@ class Observability:
         return int(np.sum(self.information > 1))
 
     def __str__(self) -> str:
-        rest = [name for name in self.names if name not in self.determined]
-        words = f"determined so far: {', '.join(self.determined) or 'nothing'}"
-        return words + (f"; not yet: {', '.join(rest)}" if rest else "")
+        undetermined = [name for name in self.names if name not in self.determined]
+        text = f"determined so far: {', '.join(self.determined) or 'nothing'}"
+        return text + (f"; not yet: {', '.join(undetermined)}" if undetermined else "")
 
 
 def numbers_kept(size: int, count: int) -> int:
@@ -148,7 +148,7 @@ class Spi(CarFilter):
     def _bind(self) -> None:
         """The functions of the parameter filter, to the arrays."""
         car, effect = self.car, self._by_parameters
-        biases = tuple((where.start, where.stop) for where in car.layout.biases)
+        biases = tuple((rows.start, rows.stop) for rows in car.layout.biases)
         functions = _functions(self.equations, car.sensor_list, biases)
         flat = [m.reshape(-1, order="F") for m in car.linearized.results[:4]]
         *state, effects = car.arguments
@@ -161,10 +161,10 @@ class Spi(CarFilter):
         self._spread = Kernel(functions["parameters_predict"], step)
         self._seen: dict[str, Learned] = {}
         for name, sensed in car.sensed.items():
-            seen = functions[f"seen_{sensed.index}"]
-            self._seen[name] = self._learner(name, seen, functions["parameters_learn"], arguments)
+            function = functions[f"seen_{sensed.index}"]
+            self._seen[name] = self._learner(name, function, functions["parameters_learn"], arguments)
 
-    def _learner(self, name: str, seen: ca.Function, learn: ca.Function, arguments: Sequence[Array]) -> Learned:
+    def _learner(self, name: str, function: ca.Function, learn: ca.Function, arguments: Sequence[Array]) -> Learned:
         """The functions by which a sensor corrects the parameters, bound to arrays."""
         car, effect, sensed = self.car, self._by_parameters, self.car.sensed[name]
         variance = car.sensor_list[sensed.index].deviations() ** 2
@@ -172,14 +172,14 @@ class Spi(CarFilter):
         whitened, factor = self._whitened[:size], self._factor[: size * size]
         jacobians = [r.reshape(-1, order="F") for r in sensed.kernel.results[1:]]
         measured = [car.mean[sensed.biases], sensed.mounting, variance, whitened, factor, *jacobians]
-        sees = Kernel(seen, [*arguments, effect, *measured])
+        sees = Kernel(function, [*arguments, effect, *measured])
         g, right, d = (r.reshape(-1, order="F") for r in sees.results[1:])
         weighted, projected = sees.results[0].T, np.zeros(sees.results[0].T.shape)
-        known, n = len(self._learned), car.layout.size
-        learned = np.zeros(known + n + COORDINATES)
-        given = [projected.reshape(-1), g, right, d, self._information, self.values, self.lower, self.upper]
-        learns = Kernel(learn, [*arguments, effect, *given], learned)
-        corrected, change, udot = np.split(learned, [known, known + n])
+        size_learned, n = len(self._learned), car.layout.size
+        learned = np.zeros(size_learned + n + COORDINATES)
+        correction = [projected.reshape(-1), g, right, d, self._information, self.values, self.lower, self.upper]
+        learns = Kernel(learn, [*arguments, effect, *correction], learned)
+        corrected, change, udot = np.split(learned, [size_learned, size_learned + n])
         return Learned(sees, variance, whitened, factor, weighted, projected, learns, corrected, change, udot)
 
     def _compile(self, operations: CarOperations) -> bool:
@@ -211,11 +211,11 @@ class Spi(CarFilter):
             for i in range(trial.trial_steps):
                 self.inputs[:] = amplitude * np.sin(trial.trial_rate * i + 0.5)
                 self.linearize()
-                for name, known in self._seen.items():
+                for name, learned in self._seen.items():
                     self.car.sensed[name].kernel.call()
-                    known.whitened[:], known.factor[:] = 0.0, np.diag(known.variance**0.5).flat
-                    known.seen.call()
-                    _, g, _, spread = known.seen.results
+                    learned.whitened[:], learned.factor[:] = 0.0, np.diag(learned.variance**0.5).flat
+                    learned.seen.call()
+                    _, g, _, spread = learned.seen.results
                     regression = spread.T @ np.linalg.inv(self.parameter_covariance) * scale
                     total += np.einsum("pk,pq,qk->k", regression, g, regression)
                 self.predict(trial.trial_step)
@@ -291,22 +291,22 @@ class Spi(CarFilter):
             self._learn(self._seen[sensor], innovation, variance)  # what is forced upon the filter is no information
         return innovation
 
-    def _learn(self, known: Learned, innovation: Innovation, variance: Array) -> None:
+    def _learn(self, learned: Learned, innovation: Innovation, variance: Array) -> None:
         """Correct the parameters by a measurement by which the state has just been corrected."""
         car = self.car
-        known.variance[:] = variance
-        known.whitened[:], known.factor[:] = innovation.whitened, innovation.factor.reshape(-1)
-        known.seen.call()
-        np.dot(self.covariance, known.weighted, out=known.projected)
-        known.learn.call()
-        self._learned[:] = known.learned
+        learned.variance[:] = variance
+        learned.whitened[:], learned.factor[:] = innovation.whitened, innovation.factor.reshape(-1)
+        learned.seen.call()
+        np.dot(self.covariance, learned.weighted, out=learned.projected)
+        learned.learn.call()
+        self._learned[:] = learned.learned
         car.parameters[self._columns] = self.values
-        change = known.change
+        change = learned.change
         car.error[FORCE] = change[FORCE]
         car.forces.call()
         change[FORCE] = car.forces.results[0][:, 0]
         car.mean += change
-        car.udot[:, 0] += known.udot
+        car.udot[:, 0] += learned.udot
 
     def advance(self, step: Step) -> bool:
         return super().advance(step) if self._operations is None else self._operations.advance(step)
@@ -323,8 +323,8 @@ class Spi(CarFilter):
     def at_bounds(self) -> tuple[str, ...]:
         """Parameters that would be elsewhere if their bounds let them: something else is wrong with the car."""
         near = SETTINGS.bound_share * self.prior_deviation
-        there = (self.values <= self.lower + near) | (self.values >= self.upper - near)
-        return tuple(name for name, is_there in zip(self.parameter_names, there, strict=True) if is_there)
+        is_at_bound = (self.values <= self.lower + near) | (self.values >= self.upper - near)
+        return tuple(name for name, is_there in zip(self.parameter_names, is_at_bound, strict=True) if is_there)
 
     def observability(self) -> Observability:
         """What the measurements since the start determine of the parameters."""
@@ -346,15 +346,15 @@ def _functions(
 
 
 def equations_of(
-    made: ParameterFilter, sensors: tuple[SensorBase, ...], biases: tuple[tuple[int, int], ...]
+    parameter_filter: ParameterFilter, sensors: tuple[SensorBase, ...], biases: tuple[tuple[int, int], ...]
 ) -> list[ca.Function]:
     """The functions of a parameter filter: effect of the parameters, a step, and corrections by each sensor."""
-    seen = [
-        made.seen(f"seen_{i}", sensor, slice(*where))
-        for i, (sensor, where) in enumerate(zip(sensors, biases, strict=True))
+    corrections = [
+        parameter_filter.seen(f"seen_{i}", sensor, slice(*rows))
+        for i, (sensor, rows) in enumerate(zip(sensors, biases, strict=True))
         if not sensor.is_input
     ]
-    return [made.effect(), made.predict(), made.learn(), *seen]
+    return [parameter_filter.effect(), parameter_filter.predict(), parameter_filter.learn(), *corrections]
 
 
 @cache

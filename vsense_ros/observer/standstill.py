@@ -55,13 +55,13 @@ class Standstill:
         """The car moves."""
         self._left = True
 
-    def heading(self, position: Array, was: float, seen: Array, variance: Array) -> tuple[float, float] | None:
+    def heading(self, position: Array, was: float, antenna: Array, variance: Array) -> tuple[float, float] | None:
         """Yaw [rad] where the filter has `was` and its standard deviation, if the way that it has driven to `position`
-        (2,) is long enough; the antenna is `seen` (2,) [m] with a `variance` (2,) where that way ends in the map."""
+        (2,) is long enough; `antenna` (2,) [m] with its `variance` (2,) is where that way ends in the map."""
         if not self.known:
             return None
         driven = complex(*position) - self._antenna + self._arm * (exp(1j * was) - exp(1j * self._yaw))
-        way = complex(*seen) - self._antenna
+        way = complex(*antenna) - self._antenna
         deviation = float(np.sqrt(variance.max() + 1 / self._precision))
         if not abs(way) > max(_LEAST_WAY * deviation, _SHORTEST_WAY):
             return None
@@ -74,5 +74,5 @@ class Standstill:
         the filter had `was` [rad]: the way to the filter's `position` (2,) was driven in another direction."""
         turn = exp(1j * (yaw - was))
         way = complex(*position) - self._antenna
-        found = self._antenna + turn * (way - exp(1j * self._yaw) * self._arm)
-        return np.array([found.real, found.imag]), float(np.hypot(self._precision**-0.5, _WAY_ERROR * abs(way)))
+        place = self._antenna + turn * (way - exp(1j * self._yaw) * self._arm)
+        return np.array([place.real, place.imag]), float(np.hypot(self._precision**-0.5, _WAY_ERROR * abs(way)))

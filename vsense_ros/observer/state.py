@@ -101,13 +101,13 @@ class Prior:
     @classmethod
     def of(cls, vehicle: Vehicle, sensors: dict[str, SensorBase]) -> Prior:
         """What is known of a vehicle with these sensors."""
-        where, torques = layout(sensors), TorqueErrors.of(vehicle, sensors)
+        places, torques = layout(sensors), TorqueErrors.of(vehicle, sensors)
         errors, around = vehicle.observer.force_errors, vehicle.observer.surroundings
         spin = np.sqrt(torques.covariance[BRAKING].diagonal()).tolist()
         drive = 0.0 if torques.measured else errors.unmeasured_drive
         longitudinal = float(np.hypot(errors.longitudinal, drive))
         body = [longitudinal, errors.lateral, errors.vertical, errors.roll, errors.pitch, errors.yaw]
-        deviation = np.zeros(where.size)
+        deviation = np.zeros(places.size)
         deviation[Q] = [100.0, 100.0, 0.02, 0.02, 0.02, np.pi, *[0.01] * 4, *[1e-3] * 4]
         deviation[U] = [1.0, 0.3, 0.1, 0.05, 0.05, 0.1, *[0.1] * 4, *[2.0] * 4]
         if not any(sensor.on_map for sensor in sensors.values()):
@@ -123,17 +123,17 @@ class Prior:
         ]
         if any("position" in sensor.measures for sensor in sensors.values()):
             deviation[DISTURB][ROAD_HEIGHT] = _HEIGHT  # over an origin that somebody else may have chosen
-        time_constant = np.full(where.size, np.inf)
+        time_constant = np.full(places.size, np.inf)
         time_constant[FORCE] = errors.time_constant
         time_constant[FORCE][SPIN] = 1 / torques.rate[BRAKING]
-        drift = np.zeros(where.size)
+        drift = np.zeros(places.size)
         drift[DISTURB][-2:] = around.steering_offset_drift, around.radius_error_drift if torques.measured else 0.0
-        for sensor, part in zip(sensors.values(), where.biases, strict=True):
+        for sensor, part in zip(sensors.values(), places.biases, strict=True):
             biases: tuple[Bias, ...] = sensor.biases()
             deviation[part] = [b.deviation for b in biases]
             drift[part] = [b.drift for b in biases]
             time_constant[part] = [b.time_constant for b in biases]
-        reversion_mean = np.zeros(where.size)
+        reversion_mean = np.zeros(places.size)
         reversion_mean[SLOPES] = np.sum([effect.mean_slope for effect in vehicle.physics.effects.present()], axis=0)
         density = np.where(np.isinf(time_constant), drift**2, 0.0)
         return cls(deviation, 1 / time_constant, density, reversion_mean, levers, _roughness(around), torques)
@@ -141,10 +141,10 @@ class Prior:
     @property
     def covariance(self) -> Array:
         """Covariance of the errors at start, (n, n)."""
-        found = np.diag(self.deviation**2)
-        couple(found, found.diagonal()[FORCE].copy(), FORCE.start, self.levers)
-        found[SPIN_FORCES, SPIN_FORCES] = self.torques.covariance[BRAKING]
-        return found
+        covariance = np.diag(self.deviation**2)
+        couple(covariance, covariance.diagonal()[FORCE].copy(), FORCE.start, self.levers)
+        covariance[SPIN_FORCES, SPIN_FORCES] = self.torques.covariance[BRAKING]
+        return covariance
 
     def placed(self) -> Prior:
         """What is assumed where place and heading are known at start: the map is laid by them."""

@@ -38,7 +38,7 @@ class Tilt:
     """Watches the vehicle's first inertial sensor, whose name is `sensor`; None: there is none."""
 
     def __init__(self, sensors: dict[str, SensorBase], car: CarBlocks) -> None:
-        able = [(i, name) for i, (name, one) in enumerate(sensors.items()) if "rates and forces" in one.measures]
+        able = [(i, name) for i, (name, sensor) in enumerate(sensors.items()) if "rates and forces" in sensor.measures]
         self.sensor = able[0][1] if able else None
         self._car = car
         self._stamp = 0
@@ -67,11 +67,11 @@ class Tilt:
         felt = self._to_car @ mean[self._biases]
         slopes = GRAVITY * mean[SLOPES]
         height = DISTURB.start + ROAD_HEIGHT
-        known = float(self._car.covariance[height, height]) < _HEIGHT**2
+        height_known = float(self._car.covariance[height, height]) < _HEIGHT**2
         felt[1] += slopes[1]
-        if not known:
+        if not height_known:
             felt[0] += slopes[0]
-        self._of_height = known
+        self._of_height = height_known
         self.seconds += time
         share = (1 - exp(-time / _MEMORY)) / (1 - exp(-self.seconds / _MEMORY))
         self._mean += share * (felt - self._mean)
@@ -86,19 +86,19 @@ class Tilt:
         along, across = self.felt.tolist()
         if not hypot(along, across) > LARGEST:
             return ""
-        pitch, roll = (degrees(asin(max(-1.0, min(1.0, one / GRAVITY)))) for one in (-along, across))
+        pitch, roll = (degrees(asin(max(-1.0, min(1.0, force / GRAVITY)))) for force in (-along, across))
         words = [
             f"{name} of {angle:+.1f}°"
-            for name, angle, one in (("roll", roll, across), ("pitch", pitch, along))
-            if abs(one) > LARGEST / 2
+            for name, angle, force in (("roll", roll, across), ("pitch", pitch, along))
+            if abs(force) > LARGEST / 2
         ]
         text = f"mounted tilted? Its attitude in the vehicle file lacks a {' and a '.join(words)}"
         roads = [
-            f"{name} by {abs(100 * one / GRAVITY):.0f} %"
-            for name, one, reported in (
+            f"{name} by {abs(100 * force / GRAVITY):.0f} %"
+            for name, force, reported in (
                 ("climbs" if along > 0 else "falls", along, self._of_height),
                 ("leans", across, False),
             )
-            if abs(one) > LARGEST / 2 and not reported
+            if abs(force) > LARGEST / 2 and not reported
         ]
         return f"{text}, or the road {' and '.join(roads)} all along" if roads else text

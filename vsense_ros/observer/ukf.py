@@ -56,8 +56,8 @@ class Ukf(Ekf, CarFilter):
         points = np.tile(self.mean, (self._count, 1))
         points[: len(self.kept), self.kept] += deviation.T
         points[len(self.kept) :, self.kept] -= deviation.T
-        for part, where in self._parts:
-            part[:] = points[:, where]
+        for part, elements in self._parts:
+            part[:] = points[:, elements]
         for part, value in self._shared:
             part[:] = value
         return points
@@ -86,14 +86,14 @@ class Ukf(Ekf, CarFilter):
     def _correct(self, sensor: str, value: Array, variance: Array, limit: float, scale: float) -> float:
         """With the covariances of the sigma points in place of P Hᵀ and H P Hᵀ."""
         expected, across, spread = self._expect(sensor)
-        found = whiten(value - expected, scale * (spread + np.diag(variance)), across.T)
-        found.write(self._whitened, self._factor)
-        if 0.0 <= found.nis <= limit:
-            self.mean[self.kept] += found.error
-            left = self.covariance[self._block] - found.projected.T @ found.projected
-            self.covariance[self._block] = 0.5 * (left + left.T)
+        correction = whiten(value - expected, scale * (spread + np.diag(variance)), across.T)
+        correction.write(self._whitened, self._factor)
+        if 0.0 <= correction.nis <= limit:
+            self.mean[self.kept] += correction.error
+            remaining = self.covariance[self._block] - correction.projected.T @ correction.projected
+            self.covariance[self._block] = 0.5 * (remaining + remaining.T)
             self.car.linearize()  # what the next sensor is compared with
-        return found.nis
+        return correction.nis
 
     def _expect(self, sensor: str) -> tuple[Array, Array, Array]:
         """What a sensor should measure (m,), covariance with the state (k, m), and its own (m, m) without noise."""

@@ -59,15 +59,15 @@ class TorqueErrors:
         elif driving is None or not rolling:
             covariance = np.array([np.diag(np.full(4, settings.wheel_spin * rolling) ** 2)] * 2)
         else:
-            common, own = settings.wheel_spin, train.uneven * settings.wheel_spin
+            common, own_deviation = settings.wheel_spin, train.uneven * settings.wheel_spin
             driven = np.array(driving) / max(driving)
             braked = braking / braking.max()
             free = driven == 0
             driven_alike = common**2 * np.outer(driven, driven)
-            rest = np.where(free, train.free_torque / inertia, own)
-            released = driven_alike + np.diag(rest**2)
+            of_wheel = np.where(free, train.free_torque / inertia, own_deviation)
+            released = driven_alike + np.diag(of_wheel**2)
             covariance = np.array(
-                [released, driven_alike + common**2 * np.outer(braked, braked) + np.diag(np.full(4, own**2))]
+                [released, driven_alike + common**2 * np.outer(braked, braked) + np.diag(np.full(4, own_deviation**2))]
             )
             rate[RELEASED, free] = 1 / train.release_time
         drag = 0.5 * AIR_DENSITY * physics.aerodynamics.drag_area / physics.chassis.mass
