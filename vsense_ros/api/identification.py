@@ -46,8 +46,8 @@ def identify(
 ) -> Identification | CarIdentification:
     """Identify the parameters of a car from recordings: distribution of mass, roll, tyres.
 
-        found = vs.identify(["drive_1", "drive_2"], "my_car.yaml", hold_out=["drive_3"])
-        vs.estimate("drive_3", found.vehicle)
+        identification = vs.identify(["drive_1", "drive_2"], "my_car.yaml", hold_out=["drive_3"])
+        vs.estimate("drive_3", identification.vehicle)
 
     Args:
         recordings: a recording or path, as `read` takes it, or several.

@@ -65,8 +65,8 @@ def new_vehicle(
 def check(vehicle: str | Path | Vehicle, recordings: Sources = ()) -> VehicleCheck:
     """Check whether a vehicle is a plausible car, and whether it fits recordings of the car.
 
-        found = vs.check("my_car.yaml", ["drive_1"])
-        found.is_good or print(*found.sentences(), sep="\\n")
+        result = vs.check("my_car.yaml", ["drive_1"])
+        result.is_good or print(*result.sentences(), sep="\\n")
 
     Args:
         vehicle: a vehicle, its file, or the name of one that comes with the project.
@@ -84,9 +84,9 @@ def check(vehicle: str | Path | Vehicle, recordings: Sources = ()) -> VehicleChe
 def calibrate(recordings: Sources, vehicle: str | Path | Vehicle) -> Calibration:
     """Calibrate the sensors of a car by ordinary drives with GNSS; references in the recordings are not used.
 
-        found = vs.calibrate(["drive_1", "drive_2"], "my_car.yaml")
-        [(one.name, one.after, one.deviation) for one in found.quantities if one.determined]
-        vs.identify(["drive_1", "drive_2"], found.vehicle, model="single_track")
+        calibration = vs.calibrate(["drive_1", "drive_2"], "my_car.yaml")
+        [(q.name, q.after, q.deviation) for q in calibration.quantities if q.determined]
+        vs.identify(["drive_1", "drive_2"], calibration.vehicle, model="single_track")
 
     Args:
         recordings: a recording or path, as `read` takes it, or several.

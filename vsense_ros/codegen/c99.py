@@ -134,7 +134,7 @@ class _Matrices(MatrixPrinter):
         return _KNOWN if place in self.known else str(self._function.name_in(place))
 
     def output(self, result: int, name: str, size: int) -> str:
-        """A copy, element by element."""
+        """Statements that copy a value to a result, element by element."""
         return f"for (int i = 0; i < {size}; i++) {self._results[result]}[i] = {f'{name}[i]' if name else '0'};"
 
     def call(self, instruction: Instruction, arguments: Sequence[str], results: Sequence[str]) -> list[str]:

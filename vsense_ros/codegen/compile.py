@@ -82,7 +82,7 @@ def _generator() -> str:
 
 
 def _said(error: Exception) -> str:
-    """What the compiler had to say, the first line of it."""
+    """The first line of what the compiler reported."""
     output = getattr(error, "stderr", None) or b""
     lines = output.decode(errors="replace").strip().splitlines()
     return f" ({lines[0]})" if lines else ""

@@ -130,7 +130,7 @@ class CornerLoops:
                 yield f"{self.results[result]}[{place}] = {name};"
 
     def _stores_apart(self, step: Step) -> Iterator[str]:
-        """After the loop: elements of results that lie without order."""
+        """Statements after the loop that store elements of results which lie without order."""
         for result, elements in self._stores_of(step):
             if _place(elements) is None:
                 for c, element in enumerate(elements):
@@ -153,7 +153,7 @@ class CornerLoops:
         return f"a{self.numbers[step]}"
 
     def _read(self, step: Step) -> str:
-        """What is written where a value is needed."""
+        """The text that stands for a value where it is needed."""
         values, lanes = self.values, self.packing.lanes
         if step.vector is None:
             value = step.scalar

@@ -149,7 +149,7 @@ class _Text:
         return bodies, most["w"], most["v"]
 
     def _reads(self, part: Sequence[Step], places: Mapping[Step, str]) -> Iterator[str]:
-        """What a part needs and does not compute."""
+        """Declarations of the values that a part needs and does not compute."""
         defined = set(part)
         for need in dict.fromkeys(need for step in part for need in self.packing.needs(step)):
             if need not in defined:
@@ -163,7 +163,7 @@ class _Text:
         return [f"out[{result}][{element}] = {text};" for result, element in self.results.get(step.scalar, ())]
 
     def text(self, step: Step) -> str:
-        """What makes a value."""
+        """The expression that makes a value."""
         if step.vector is not None:
             return self._vector(step.vector)
         value = step.scalar
@@ -222,7 +222,7 @@ class _Matrices(MatrixPrinter):
         return "0" if place in self._known else f"in[{place}]"
 
     def output(self, result: int, name: str, size: int) -> str:
-        """A copy of the whole."""
+        """Statements that copy a value to a result as a whole."""
         return f"memcpy(out[{result}], {name or zeros(size)}, {size} * sizeof(double));"
 
     def call(self, instruction: Instruction, arguments: Sequence[str], results: Sequence[str]) -> list[str]:

@@ -25,7 +25,7 @@ Alike = Callable[[str, int], tuple[Hashable, int | None]]
 
 
 class Kind(Enum):
-    """How a vector comes about."""
+    """The way in which a vector is made."""
 
     OPERATION = "one operation on vectors"
     SAME = "one value in all lanes"
@@ -36,7 +36,7 @@ class Kind(Enum):
 
 
 class Step(NamedTuple):
-    """What a statement makes: a vector, or a scalar."""
+    """The value that a statement makes: a vector, or a scalar."""
 
     vector: Four | None
     scalar: int = -1

@@ -168,5 +168,5 @@ def _mean(value: NDArray[np.float64]) -> Array:
 
 
 def by_label(*labelled: tuple[str, Scores]) -> Mapping[str, Scores]:
-    """Those baselines that have a score."""
+    """The baselines that have a score, by label."""
     return {label: scores for label, scores in labelled if scores}

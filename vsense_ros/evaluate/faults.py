@@ -69,14 +69,14 @@ def added(field: str, axes: Sequence[int], amount: float | Sequence[float], rise
 
 
 def scaled(field: str, axes: Sequence[int], factor: float) -> Change:
-    """So many times as much."""
+    """The change that multiplies a signal by a factor."""
     return lambda channel, rows, times: _with(
         channel, field, rows, axes, factor * channel.columns[field][_cells(rows, axes)]
     )
 
 
 def replaced(field: str, axes: Sequence[int], value: float) -> Change:
-    """Always the same: zero, or NaN where nothing comes."""
+    """The change that sets a signal to one value: zero, or NaN for a signal that is absent."""
     return lambda channel, rows, times: _with(channel, field, rows, axes, value)
 
 
@@ -132,12 +132,12 @@ def stamped(seconds: float) -> Change:
 
 
 def silent(channel: Channel, rows: Rows, times: Array) -> Channel:
-    """No message."""
+    """The change that leaves out all messages."""
     return channel.select(~rows)
 
 
 def rare(period: float) -> Change:
-    """One message in a period [s]."""
+    """The change that leaves one message in each period [s]."""
 
     def change(channel: Channel, rows: Rows, times: Array) -> Channel:
         turn = np.floor(times / period)

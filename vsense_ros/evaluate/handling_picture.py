@@ -54,7 +54,7 @@ def bode(
 
 
 def draw_bode(responses: Mapping[str, Response], title: str, path: Path) -> Path:
-    """Each model by itself, magnitude above and phase below."""
+    """Draw the Bode plot of each model by itself, magnitude above and phase below."""
     with matplotlib.rc_context(dict(STYLE)):
         figure = Figure(figsize=(3.1 * len(responses) + 1, 7), layout="constrained")
         FigureCanvasAgg(figure)

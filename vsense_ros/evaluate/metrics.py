@@ -68,11 +68,11 @@ class Aligned:
 
     @property
     def error(self) -> Array:
-        """(n, k) estimate - truth."""
+        """The error (n, k): estimate less truth."""
         return self.estimate - self.truth
 
     def select(self, rows: NDArray[np.bool_]) -> Aligned:
-        """Those rows alone."""
+        """The selected rows alone."""
         return Aligned(self.stamp[rows], self.estimate[rows], self.truth[rows], self.deviation[rows])
 
 

@@ -29,7 +29,7 @@ SHADES = ("#9ecae1", "#56B4E9", "#0072B2", "#08306b", "#000000")
 
 
 class Curves(NamedTuple):
-    """What a tyre does over n states, (n,) each."""
+    """Forces and aligning moment of a tyre over n states, (n,) each."""
 
     longitudinal: Array  # force [N]
     lateral: Array  # force [N]
@@ -55,7 +55,7 @@ class Bench:
         return np.array([load, SPEED * ones, SPEED * np.tan(angle), SPEED * (1 + slip), ones, camber])
 
     def forces(self, load: Any, slip: Any = 0.0, angle: Any = 0.0, camber: Any = 0.0) -> Curves:
-        """Forces and aligning moment."""
+        """Forces and aligning moment of the tyre."""
         state = self._state(load, slip, angle, camber)
         longitudinal, lateral, moment, *_ = np.asarray(self._forces.map(state.shape[1])(self._p, state))
         return Curves(longitudinal, lateral, moment)

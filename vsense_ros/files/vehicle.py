@@ -312,7 +312,7 @@ def _field(location: tuple[Any, ...]) -> tuple[type[BaseModel] | None, FieldInfo
 
 
 def _range(field: FieldInfo | None) -> str:
-    """What a field may be, in brackets."""
+    """The range of a field, in brackets."""
     if field is None:
         return ""
     unit, limits = unit_of(field), allowed(field)

@@ -161,7 +161,7 @@ def sentences(result: CarIdentification) -> list[str]:
 
 
 def write(result: CarIdentification, folder: Path) -> None:
-    """identification.json and report.html."""
+    """Write identification.json and report.html into a folder."""
     parameters = {
         name: {"before": before, "value": value, "deviation": deviation, "determined": determined}
         for name, (before, value, deviation, determined) in result.parameters.items()

@@ -88,7 +88,7 @@ class FrequencyResponse:
 
 @dataclass
 class Characteristics:
-    """All that was found."""
+    """Quantities, scatter plots and frequency responses that the drives of a car determine."""
 
     title: str
     quantities: list[Quantity] = field(default_factory=list)
@@ -195,7 +195,7 @@ def _settled(drive: DriveSignals) -> NDArray[np.bool_]:
 
 
 def _steady(drive: DriveSignals) -> NDArray[np.bool_]:
-    """Where lateral acceleration is small, and changes slowly."""
+    """Flags (n,) of the rows in which the lateral acceleration is small and changes slowly."""
     lateral = _slow(drive.speed * drive.yaw_rate)
     return (np.abs(lateral) < CHARACTERISE.linear_acceleration) & (
         np.abs(np.gradient(lateral, DRIVE_SIGNALS.step)) < CHARACTERISE.steady_jerk

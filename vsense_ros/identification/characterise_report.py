@@ -47,7 +47,7 @@ def table(characteristics: Characteristics) -> Table:
 
 
 def show(characteristics: Characteristics, console: Console) -> None:
-    """Print the table."""
+    """Print the table of quantities."""
     console.width = max(console.width, _WIDTH)
     console.print(characteristics.title, style="bold", markup=False)
     console.print(table(characteristics))

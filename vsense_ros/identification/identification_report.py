@@ -25,7 +25,7 @@ _STEP = 1e-4  # of a prior deviation, for slopes of curves
 
 
 def content(identification: Identification) -> dict[str, Any]:
-    """As JSON."""
+    """An identification as what is written to identification.json."""
     return {
         "model": identification.model,
         "vehicle": identification.before.name,
@@ -65,7 +65,7 @@ def write(identification: Identification, folder: Path) -> Path:
 
 
 def pictures(identification: Identification) -> Mapping[str, Figure]:
-    """By title."""
+    """Figures of an identification by their titles."""
     with matplotlib.rc_context(dict(STYLE)):
         return {
             "Force curves with one standard deviation": _curves(identification),

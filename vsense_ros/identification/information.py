@@ -74,7 +74,7 @@ class Information:
 
     @property
     def correlation(self) -> Array:
-        """(p, p)"""
+        """Correlation matrix (p, p) of the parameters."""
         deviations = np.sqrt(self.covariance.diagonal())
         return np.asarray(self.covariance / np.outer(deviations, deviations))
 

@@ -53,11 +53,11 @@ SEARCH = SearchSettings()
 
 
 class DivergedError(Exception):
-    """A simulation left all bounds."""
+    """Raised where a simulation leaves all bounds."""
 
 
 class ResidualFunction(Protocol):
-    """What is fitted: weighted differences of measurement and model, by block."""
+    """The function that is fitted: weighted differences of measurement and model, by block."""
 
     @property
     def at_once(self) -> int:
@@ -113,7 +113,7 @@ class Fit:
 
     @property
     def value(self) -> float:
-        """What is minimised: the squared residuals and the prior's cost."""
+        """The value that is minimised: the squared residuals and the prior's cost."""
         return cost(self.residuals) + self.prior_cost
 
     @property
@@ -123,7 +123,7 @@ class Fit:
 
     @cached_property
     def equations(self) -> NormalEquations:
-        """Its normal equations."""
+        """Normal equations of the fit."""
         return NormalEquations(
             self.free_parameters, self.scaled_offsets, self.weight,
             np.array([s.T @ s for s in self.slopes]),
@@ -150,7 +150,7 @@ class Fit:
 
 
 def cost(residuals: Sequence[Array]) -> float:
-    """Sum of squares."""
+    """Sum of the squares of all residuals."""
     return float(sum(r @ r for r in residuals))
 
 

@@ -65,7 +65,7 @@ class _Disturbed(Integrated):
         self.parameters = (*model.parameters, *(f"noise_{name}" for name in self.names))
 
     def noise(self, x: Named, u: Named, theta: Named, h: ca.SX) -> Any:
-        """As without, times the squares of the factors."""
+        """Noise of the model without factors, times their squares."""
         factors = ca.vertcat(*(ca.exp(2 * theta[f"noise_{name}"]) for name in self.names))
         return super().noise(x, u, theta, h) * factors
 

@@ -40,7 +40,7 @@ class OpenLoop:
         return self._run(drive, values)[:, : self._n]
 
     def outputs(self, drive: Drive, values: Array) -> Array:
-        """(N, m). Raises `FloatingPointError`."""
+        """Outputs (N, m) of the model along a drive. Raises `FloatingPointError`."""
         means = self._run(drive, values)[:, : self._n + len(values)]
         return self._at(means, drive.inputs)[0]
 

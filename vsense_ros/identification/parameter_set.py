@@ -21,7 +21,7 @@ _PHYSICS = "physics."
 
 @dataclass(frozen=True)
 class ParameterSet:
-    """Numbers by name."""
+    """Numbers of a model by name."""
 
     values: Values
 

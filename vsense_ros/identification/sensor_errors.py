@@ -49,7 +49,7 @@ class WithSensorErrors:
         return [*rates, *[0.0] * len(self.offsets), *(-x[name] / TIME_CONSTANTS[name] for name in self.wandering)]
 
     def measured(self, x: Any, u: Any, p: Any) -> list[Any]:
-        """What sensors read, (m,)."""
+        """Readings (m,) of the sensors."""
         true = self.model.measured(x, self._steered(x, u, p), p)
         return [value + x[offset] for value, offset in zip(true, self.offsets, strict=True)]
 

@@ -48,7 +48,7 @@ def within(value: float, limit: float) -> float:
 
 
 def wheelbase(vehicle: Vehicle) -> float:
-    """[m]"""
+    """Distance of the axles [m]."""
     return vehicle.physics.chassis.cog_to_front_axle + vehicle.physics.chassis.cog_to_rear_axle
 
 

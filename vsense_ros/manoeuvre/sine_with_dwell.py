@@ -28,7 +28,7 @@ SETTINGS = SineWithDwellSettings()
 
 
 def steering(t: float) -> float:
-    """Between -1 and 1."""
+    """The steering angle as a share of its amplitude, between -1 and 1."""
     phase = (t - SETTINGS.start) * SETTINGS.frequency
     if phase > 0.75:
         phase = max(0.75, phase - SETTINGS.dwell * SETTINGS.frequency)

@@ -44,7 +44,7 @@ class Piece:
 
     @property
     def turning(self) -> float:
-        """Change of heading [rad]."""
+        """Change of heading along the piece [rad]."""
         return self.length * (self.begin + self.end) / 2
 
 
@@ -129,7 +129,7 @@ class Track:
 
     @property
     def length(self) -> float:
-        """[m]"""
+        """Length of the whole track [m]."""
         return float(self.distance[-1])
 
     def slopes(self, distance: Array | float) -> tuple[Array, Array]:
@@ -172,7 +172,7 @@ class Along:
         return self._s[i] + ahead, offset - curvature * ahead**2 / 2, self._heading[i] + curvature * ahead
 
     def curvature(self, distance: float) -> float:
-        """At an arc length [1/m]."""
+        """Curvature at an arc length [1/m]."""
         return self._curvature[max(bisect_right(self._s, distance) - 1, 0)]
 
     def _ahead(self, i: int, x: float, y: float) -> float:

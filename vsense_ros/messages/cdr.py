@@ -41,7 +41,7 @@ def _strings_of(item: Sample | Channel, values: Mapping[str, NDArray[np.float64]
 def _filled(
     item: Sample | Channel, stamps: NDArray[np.int64], values: Mapping[str, NDArray[np.float64]]
 ) -> NDArray[np.uint8]:
-    """Messages as rows of bytes."""
+    """The messages as rows of bytes."""
     layout = layout_of(_strings_of(item, values))
     rows = np.frombuffer(bytearray(layout.template * len(stamps)), layout.dtype)
     seconds, nanoseconds = np.divmod(stamps, 1_000_000_000)

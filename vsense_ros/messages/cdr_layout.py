@@ -66,7 +66,7 @@ class Strings:
 
 @dataclass(frozen=True)
 class Layout:
-    """Where everything stands in the bytes of a message."""
+    """The place of each field in the bytes of a message."""
 
     strings: Strings
     template: bytes  # a message with these strings and all numbers zero

@@ -68,7 +68,7 @@ FIELDS: Mapping[str, Mapping[str, int]] = MappingProxyType(
 
 @dataclass(frozen=True, slots=True)
 class Sample:
-    """One message.
+    """One message of a topic.
 
     `values` maps the field names of `FIELDS[kind]` to float arrays of shape `(length,)`.
     """

@@ -227,6 +227,6 @@ def _left_out(who: str, parts: dict[str, str]) -> str:
 
 
 def _reason(error: ValueError) -> str:
-    """What the schema has against a value."""
+    """The reason why the schema refuses a value."""
     faults = error.errors() if isinstance(error, ValidationError) else []
     return str(faults[0]["msg"]).removeprefix("Value error, ") if faults else str(error)

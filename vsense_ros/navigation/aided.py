@@ -325,7 +325,7 @@ class Aided(Filter):
     def _correct_inertial(
         self, reckoning: Reckoning, sensor: str, value: Array, variance: Array, limit: float, scale: float
     ) -> Innovation:
-        """All that a reading of the first inertial sensor does.
+        """Correct by a reading of the first inertial sensor.
 
         Its innovation has one component for each of `AXES`, NaN where the filter does not use it, and one for each of
         `conditions`. An axis that is not believed makes the normalized innovation squared larger than the gate's
@@ -424,7 +424,7 @@ class Memory:
         self._kernel = Kernel(self.function, bound)
 
     def renew(self, value: Array) -> None:
-        """With a reading (m,)."""
+        """Renew the remembered inputs by a reading (m,)."""
         self._value[:] = value
         self._kernel.call()
         values = self._kernel.results[0][:, 0]
@@ -449,7 +449,7 @@ def _inertial_inputs(names: Sequence[str]) -> list[tuple[int, int]]:
 
 
 def usable(sensors: Mapping[str, SensorBase]) -> dict[str, SensorBase]:
-    """Those sensors that any filter of this package could use."""
+    """The sensors that any filter of this package could use."""
     used = {source.measures for source in INPUTS.values()} | {source.measures for source in MEASUREMENTS.values()}
     return {key: sensor for key, sensor in sensors.items() if not used.isdisjoint(sensor.measures)}
 

@@ -40,7 +40,7 @@ class Beginning:
         return None if known is None else (max(read_at for read_at, _ in self.readings.values()), known)
 
     def clear(self) -> None:
-        """Begin anew."""
+        """Forget all readings and begin anew."""
         self.readings.clear()
 
     def missing(self) -> list[str]:

@@ -77,7 +77,7 @@ class HeadingBank(GaussianFilter):
         return copy
 
     def start(self, belief: Gaussian) -> None:
-        """With headings all around that of the belief."""
+        """Start the filters with headings all around that of the belief."""
         self.check(belief)
         self.log_weights[:] = -np.log(HYPOTHESES)
         for i, ekf in enumerate(self.bank):
@@ -88,7 +88,7 @@ class HeadingBank(GaussianFilter):
         self.mix()
 
     def predict(self, h: float) -> None:
-        """Each filter, with the inputs of the bank."""
+        """Predict each filter, with the inputs of the bank."""
         for ekf in self.bank:
             ekf.inputs[:] = self.inputs
             ekf.predict(h)
@@ -132,7 +132,7 @@ class HeadingBank(GaussianFilter):
         return all(ekf.is_valid() for ekf in self.bank)
 
     def inflate(self) -> None:
-        """Each filter."""
+        """Inflate the covariance of each filter."""
         for ekf in self.bank:
             ekf.inflate()
         self.mix()

@@ -84,7 +84,7 @@ class Integrated(NavigationSpace):
         return front + x.front_slip_error, rear + x.rear_slip_error
 
     def axle_forces(self, x: Named, u: Named, theta: Named) -> tuple[ca.SX, ca.SX]:
-        """Across the car [N]."""
+        """Forces of the axles across the car [N]."""
         length = theta.to_front + theta.to_rear
         most = theta.friction * theta.mass * theta.gravity / length
         front, rear = self.slip_angles(x, u, theta)

@@ -89,7 +89,7 @@ class Reckoning:
         self._spread = [s.rate_deviation, s.rate_deviation, nan, s.along_deviation, s.across_deviation, s.up_deviation]
 
     def restart(self) -> None:
-        """Nothing has come yet."""
+        """Forget all readings, as if none had come yet."""
         self.expected[:], self.doubted[:], self._error[:] = 0.0, 0.0, 0.0
         self.expected[UP] = GRAVITY
         self.variance[:] = inf

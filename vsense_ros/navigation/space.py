@@ -158,7 +158,7 @@ class Definition:
 
     @property
     def measurements(self) -> tuple[Measurement, ...]:
-        """What corrects it from outside, each name once."""
+        """The measurements that correct the filter from outside, each name once."""
         fed = {(link.target, link.measurement) for link in self.passed_measurements}
         from_outside = [
             measurement

@@ -64,7 +64,7 @@ class Strapdown(NavigationSpace):
         return u.vector[0:3] - x.vector[_G]
 
     def acceleration(self, x: Named, u: Named, theta: Named) -> ca.SX:
-        """In the map (3,)."""
+        """Acceleration (3,) in the axes of the map."""
         felt = attitude.turned(x.vector[_Q], u.vector[3:6] - x.vector[_A])
         return felt - ca.vertcat(0, 0, theta.gravity)
 

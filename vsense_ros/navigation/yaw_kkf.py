@@ -62,7 +62,7 @@ def straight(x: Named, u: Named, theta: Named) -> ca.SX:
 
 
 def at_fix(x: Named, u: Named, theta: Named, velocity: ca.SX, variance: Named) -> dict[str, ca.SX]:
-    """What a new fix says of bias and heading."""
+    """Inputs to remember from a new fix: deviation of the bias, and for how long heading and course contradict."""
     speed = ca.fmax(ca.sqrt(velocity[0] ** 2 + velocity[1] ** 2), SLOWEST_COURSE)
     apart = ca.fabs(wrapped(ca.atan2(velocity[1], velocity[0]) - x.yaw))
     most = LARGEST_SLIP + REACH * ca.fabs(u.yaw_rate - x.gyro_bias) / speed
@@ -75,7 +75,7 @@ def at_fix(x: Named, u: Named, theta: Named, velocity: ca.SX, variance: Named) -
 
 
 def remembered(part: str) -> Remembered:
-    """What a filter with a `YawKkf` as this part needs."""
+    """Inputs that a filter with a `YawKkf` as this part has to remember."""
     return Remembered(part, "course", at_fix)
 
 

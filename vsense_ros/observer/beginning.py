@@ -51,7 +51,7 @@ class Beginning:
         return any(self._intake.sensors[i].measures_speed for i in self._first)
 
     def clear(self) -> None:
-        """Begin anew."""
+        """Forget all messages and begin anew."""
         self._first.clear()
         self._newest.clear()
 

@@ -167,7 +167,7 @@ class FullCarSpi(Spi):
 
     @cached_property
     def _deviations(self) -> Kernel:
-        """What the other cars have different."""
+        """The function that computes how the parameters of the other cars deviate."""
         equations = self.equations
         assert isinstance(equations, OnFullCars)
         function = codegen.function(

@@ -164,7 +164,7 @@ class Work:
 
 
 def implicit_error_ekf(work: Work | None = None) -> MakeFilter:
-    """What makes such an errorEKF."""
+    """The function that makes an errorEKF with implicit steps."""
 
     def make(vehicle: Vehicle, sensors: dict[str, SensorBase], prior: Prior | None = None) -> CarFilter:
         return ErrorEkf(ImplicitCar(vehicle, sensors, prior=prior, work=work))
@@ -173,7 +173,7 @@ def implicit_error_ekf(work: Work | None = None) -> MakeFilter:
 
 
 def implicit_spi(work: Work | None = None) -> MakeFilter:
-    """What makes such an SPI, of a vehicle that lists parameters."""
+    """The function that makes an SPI with implicit steps, of a vehicle that lists parameters."""
 
     def make(vehicle: Vehicle, sensors: dict[str, SensorBase], prior: Prior | None = None) -> CarFilter:
         vehicle = with_parameters(vehicle)

@@ -40,7 +40,7 @@ _NAMED = 3  # quantities in a message; all are among its values
 
 @dataclass(frozen=True)
 class Quantity:
-    """What is watched: its name and unit."""
+    """A quantity that is monitored: its name and unit."""
 
     name: str
     unit: str

@@ -112,7 +112,7 @@ class OffloadedParts:
         self.inertias[:] = turned
 
     def _moved(self) -> Array | None:
-        """`columns` by the accelerator."""
+        """The `columns` as the accelerator computes them; None if it does not answer."""
         self._places.call()
         places = self._places.results[0]
 

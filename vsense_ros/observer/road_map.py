@@ -101,7 +101,7 @@ class RoadMap:
 
 
 class Surveyed(NamedTuple):
-    """What a profile says of a place."""
+    """The value of a profile at a place."""
 
     value: float  # beyond what the size is everywhere
     change: float  # of it along the way [1/m]

@@ -327,7 +327,7 @@ class Spi(CarFilter):
         return tuple(name for name, is_there in zip(self.parameter_names, is_at_bound, strict=True) if is_there)
 
     def observability(self) -> Observability:
-        """What the measurements since the start determine of the parameters."""
+        """How well the measurements since the start determine each parameter."""
         prior = self.prior_deviation
         deviation = np.sqrt(np.diag(self.parameter_covariance))
         return Observability(

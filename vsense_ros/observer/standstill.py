@@ -52,7 +52,7 @@ class Standstill:
         self._arm, self._yaw = complex(*mounting[:2]), yaw
 
     def leave(self) -> None:
-        """The car moves."""
+        """Note that the car moves."""
         self._left = True
 
     def heading(self, position: Array, was: float, antenna: Array, variance: Array) -> tuple[float, float] | None:

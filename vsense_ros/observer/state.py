@@ -62,7 +62,7 @@ FOLLOWED = np.r_[TWIST, FORM]  # errors that those of the road follow
 
 @dataclass(frozen=True)
 class Layout:
-    """Where the biases of each sensor stand in the state."""
+    """The place of each sensor's biases in the state."""
 
     biases: tuple[slice, ...]  # of each sensor
     names: tuple[str, ...]  # of all elements of the state
@@ -100,7 +100,7 @@ class Prior:
 
     @classmethod
     def of(cls, vehicle: Vehicle, sensors: dict[str, SensorBase]) -> Prior:
-        """What is known of a vehicle with these sensors."""
+        """The prior of a vehicle with these sensors."""
         places, torques = layout(sensors), TorqueErrors.of(vehicle, sensors)
         errors, around = vehicle.observer.force_errors, vehicle.observer.surroundings
         spin = np.sqrt(torques.covariance[BRAKING].diagonal()).tolist()

@@ -51,7 +51,7 @@ class Tilt:
         self._to_car = Rotation.from_euler("xyz", sensors[self.sensor].mounting()[3:6]).as_matrix()[:2]
 
     def forget(self) -> None:
-        """The filter begins anew."""
+        """Forget all measurements, as the filter begins anew."""
         self._stamp, self.seconds = 0, 0.0
         self._mean[:] = 0.0
 

@@ -36,7 +36,7 @@ class VehicleCheck(Printable):
         return not (self.refused or self.findings or self.fit)
 
     def sentences(self) -> list[str]:
-        """What was found, one sentence each."""
+        """The findings, one sentence each."""
         of_fit = [f"{fit_finding.recording}: {fit_finding.sentence}" for fit_finding in self.fit]
         return [*self.refused.splitlines(), *(in_words(finding) for finding in self.findings), *of_fit]
 
@@ -56,7 +56,7 @@ class VehicleCheck(Printable):
             out.print(f"Nothing looks wrong with {self.name}.", soft_wrap=True)
 
     def as_dict(self) -> dict[str, Any]:
-        """What was found, for JSON."""
+        """The findings as they are written to JSON."""
         return {
             "name": self.name,
             "refused": self.refused or None,

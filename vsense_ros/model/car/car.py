@@ -120,7 +120,7 @@ class Car:
 
     @cached_property
     def corners(self) -> tuple[Corner, ...]:
-        """fl, fr, rl, rr."""
+        """The corners of the car in the order fl, fr, rl, rr."""
         chassis = self.parameters.chassis
         weight = chassis.mass * GRAVITY
         corners = []
@@ -278,7 +278,7 @@ class Car:
 
 
 class _Placed(NamedTuple):
-    """What the equations of the corners differ in."""
+    """The numbers in which the equations of the corners differ."""
 
     expressions: ca.SX  # numbers, or symbols that stand for them
     values: tuple[float, ...]
@@ -307,7 +307,7 @@ def _placed_by_symbols(tables: SuspensionTables | None) -> _Placed:
 
 
 def _by_corner(travel: ca.SX, spin: ca.SX) -> ca.SX:
-    """In the order of the tree: hub, wheel, hub, wheel …"""
+    """Values of hubs and wheels in the order of the tree: hub, wheel, hub, wheel …"""
     return ca.vec(ca.horzcat(travel, spin).T)
 
 

@@ -43,7 +43,7 @@ CHASSIS = ("drag_area", "mass", "x", "y", "z", "xx", "yy", "zz", "xy", "xz", "yz
 
 @dataclass(frozen=True)
 class Counts:
-    """Size of a full car."""
+    """Numbers of bodies, coordinates and constraints of a full car."""
 
     bodies: int
     coordinates: int

@@ -35,7 +35,7 @@ class CarInParts(Car):
 
     @cached_property
     def places(self) -> list[TablePlace]:
-        """Where in their tables the wheels are."""
+        """The place of each wheel in the tables of its suspension."""
         tables, angle = self._tables, self._road_wheel_angle
         assert tables is not None
         return [place_in_tables(tables, self.q[TRAVEL][c.index], c.side * angle) for c in self.corners]
@@ -97,7 +97,7 @@ class CarInParts(Car):
         )
 
     def inertias_function(self) -> ca.Function:
-        """(…, columns) → `inertias`."""
+        """The function (…, columns) → `inertias`."""
         inertias = []
         for corner, hub in zip(self.corners, self._hubs, strict=True):
             matrix = wheel_inertia(corner, hub)

@@ -311,7 +311,7 @@ def _for_virtual_machine(car: Car) -> list[ca.Function]:
 
 
 def _names_of(car: Car) -> tuple[str, ...]:
-    """Names of `functions_of`."""
+    """Names of the functions that `functions_of` makes."""
     names = ("dynamics", "linearize", "advance", "kinematics", "force")
     return (*names, "internal_state") if car.internal_state.numel() else names
 

@@ -153,7 +153,7 @@ class Effect(Part):
         return thrust
 
     def suspension_force(self, force: ca.SX, corner: Corner, car: MovingCar) -> ca.SX:
-        """What resists the compression of one wheel's suspension [N]."""
+        """Force that resists the compression of one wheel's suspension [N]."""
         return force
 
     def wheel_torque(self, torque: ca.SX, corner: Corner, car: MovingCar) -> ca.SX:
@@ -245,7 +245,7 @@ class RoadEffect(Effect):
 
 
 def bounds(field: FieldInfo) -> tuple[float, float]:
-    """What is physical of a size, shape or form."""
+    """Bounds of what is physical of a size, shape or form."""
     limits = {type(limit).__name__: limit for limit in field.metadata}
     return float(limits["Ge"].ge), float(limits["Le"].le)
 

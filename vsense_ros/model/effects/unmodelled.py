@@ -50,7 +50,7 @@ def _demand(car: MovingCar) -> ca.SX:
 
 
 def _travel(row: int) -> dict[str, Feature]:
-    """What a wheel does relative to the body."""
+    """Features of a force that follows the travel of a wheel relative to the body, or its rate."""
     return {
         "rate": Feature("that follows its speed, as a damper", "m/s", 0.1, lambda car: car.u[row]),
         "travel": Feature("that follows its travel, as a spring", "m", 0.02, lambda car: car.q[row]),

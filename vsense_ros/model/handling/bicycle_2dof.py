@@ -34,7 +34,7 @@ class Bicycle2Dof(HandlingModel):
 
     @classmethod
     def of_vehicle(cls, vehicle: Vehicle) -> Bicycle2Dof:
-        """With the tyres of the vehicle file."""
+        """The model with the tyres of the vehicle file."""
         return cls(Tyres.of_vehicle(vehicle, AXLES, "own"))
 
     def axle_forces(self, x: Any, u: Any, p: Any) -> tuple[Scalar, Scalar]:

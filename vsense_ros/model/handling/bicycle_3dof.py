@@ -37,7 +37,7 @@ class Bicycle3Dof(Planar):
 
     @classmethod
     def of_vehicle(cls, vehicle: Vehicle, kind: TyreKind = "linear") -> Bicycle3Dof:
-        """With the vehicle's tyres, made linear or as they are."""
+        """The model with the vehicle's tyres, made linear or as they are."""
         return cls(Tyres.of_vehicle(vehicle, AXLES, kind))
 
     def spins(self, x: Any, u: Any) -> tuple[Scalar, Scalar]:

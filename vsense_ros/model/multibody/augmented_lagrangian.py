@@ -277,7 +277,7 @@ class Equations:
         return function
 
     def _called(self, i: int, name: str, arguments: Sequence[ca.MX]) -> ca.MX | tuple[ca.MX, ...]:
-        """What the function of a branch gives."""
+        """Results of a function of a branch."""
         outputs: ca.MX | tuple[ca.MX, ...] = self.function_of(i, name)(*arguments)
         return outputs
 
@@ -428,5 +428,5 @@ class Equations:
         """What the loads of each branch give out, one after the other."""
         z, dz, ddz, multipliers = self.symbols[:4]
         base = self._base(z, dz, ddz)
-        found = self._branches("outputs", z, dz, ddz, multipliers, base)
-        return self._function("mechanism_outputs", [ca.vertcat(ca.MX(0, 1), *(f[0] for f in found))])
+        by_branch = self._branches("outputs", z, dz, ddz, multipliers, base)
+        return self._function("mechanism_outputs", [ca.vertcat(ca.MX(0, 1), *(f[0] for f in by_branch))])

@@ -20,7 +20,7 @@ MOST_CALLS = 12  # of the iterating function before a step is given up
 
 @dataclass
 class State:
-    """Where a mechanism is: coordinates, rates, accelerations (N) and multipliers (m)."""
+    """State of a mechanism: coordinates, rates, accelerations (N) and multipliers (m)."""
 
     z: Array
     dz: Array
@@ -124,7 +124,7 @@ class Integrator:
         return (mass, forces.reshape(-1), *(c.reshape(-1) for c in constraints), jacobian)  # type: ignore[return-value]
 
     def outputs(self) -> Array:
-        """What the loads give out at the present state."""
+        """Outputs of the loads at the present state."""
         self._outputs.call()
         return self._outputs.results[0].reshape(-1)
 

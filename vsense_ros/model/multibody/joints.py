@@ -47,7 +47,7 @@ class Revolute:
 
 @dataclass(frozen=True, eq=False)
 class Prismatic:
-    """Slides along an axis."""
+    """A joint that slides along an axis."""
 
     axis: Vector
 

@@ -98,7 +98,7 @@ class FiveLink(Part):
 
     @property
     def steered(self) -> bool:
-        """No rack moves these links."""
+        """False, as no rack moves the links of this suspension."""
         return False
 
     def link_masses(self) -> float:

@@ -112,7 +112,7 @@ class SuspensionTables(Part):
 
 
 def coefficients(tables: SuspensionTables, axle: str) -> Coefficients:
-    """Those of an axle's columns, by name."""
+    """Coefficients of an axle's columns, by name."""
     return {name: getattr(getattr(tables, axle), name) for name in AxleTable.model_fields}
 
 

@@ -294,7 +294,7 @@ class SensorBase(Part):
         raise NotImplementedError
 
     def simulated(self, drive: SimulatedDrive) -> Content:
-        """What its messages would say on a simulated drive, errors included."""
+        """Values of the sensor's messages on a simulated drive, errors included."""
         raise NotImplementedError
 
     def disturbed(self, drive: SimulatedDrive) -> Vector:

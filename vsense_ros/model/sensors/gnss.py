@@ -15,7 +15,7 @@ class Receiver(SensorBase):
 
 
 class Antenna(Receiver):
-    """Measures how one antenna moves."""
+    """A sensor that measures how one antenna moves."""
 
     position: Position = parameter("m", "antenna in the axes of cog", default=(0.0, 0.0, 0.0))
 

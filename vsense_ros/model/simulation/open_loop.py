@@ -43,7 +43,7 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class Inputs:
-    """What drives a run, one row for each of n steps."""
+    """The inputs that drive a run, one row for each of n steps."""
 
     step: float  # [s]
     inputs: Array  # (n, 5) in the middle of each step, as model.coordinates.INPUTS

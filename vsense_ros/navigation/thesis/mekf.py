@@ -25,7 +25,7 @@ WINDOW = 10.0  # [s] of the mean of 2c
 
 
 class Mekf2a(NavigationSpace):
-    """β, r, ψ, b_r."""
+    """The modified EKF with the states β, r, ψ and b_r."""
 
     names: tuple[str, ...] = ("side_slip", "yaw_rate", "yaw", "gyro_bias")
     inputs: tuple[str, ...] = ("steer_angle", "speed")
@@ -52,7 +52,7 @@ class Mekf2a(NavigationSpace):
 
 
 class Mekf2b(Mekf2a):
-    """With b_δ, `steering_bias` [rad]."""
+    """`Mekf2a` with the state b_δ, `steering_bias` [rad]."""
 
     names = (*Mekf2a.names, "steering_bias")
     prior: Mapping[str, float] = {**Mekf2a.prior, "steering_bias": 0.01}
@@ -63,7 +63,7 @@ class Mekf2b(Mekf2a):
 
 
 class Mekf2c(Mekf2b):
-    """In bends with the mean `held_steering_bias` in place of b_δ."""
+    """`Mekf2b` that takes in bends the mean `held_steering_bias` in place of b_δ."""
 
     inputs = (*Mekf2b.inputs, "held_steering_bias")
     parameters = (*Mekf2b.parameters, "sample_time")

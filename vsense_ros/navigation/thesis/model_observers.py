@@ -28,7 +28,7 @@ class SingleTrack(NavigationSpace):
     prior: Mapping[str, float] = {"side_slip": 0.02, "yaw_rate": 0.05}
 
     def correction(self, x: Named, u: Named) -> tuple[Any, Any]:
-        """What is added to β̇ and ṙ."""
+        """The correction that is added to β̇ and ṙ."""
         return 0.0, 0.0
 
     def transition(self, x: Named, u: Named, theta: Named, h: ca.SX) -> Any:
@@ -47,7 +47,7 @@ class SingleTrack(NavigationSpace):
 
 
 class Luenberger(SingleTrack):
-    """With a linear gain (Stéphant et al. 2004)."""
+    """The single-track observer with a linear gain (Stéphant et al. 2004)."""
 
     inputs = (*SingleTrack.inputs, "yaw_rate")
 
@@ -92,7 +92,7 @@ def lateral_force(x: Named, z: Named, u: Named, p: Named) -> ca.SX:
 
 
 class FeelsRoll(SingleTrack):
-    """With the roll of its body."""
+    """The single track whose accelerometer feels the roll of the body."""
 
     parameters = (*single_track.PARAMETERS, "roll_gain")
 

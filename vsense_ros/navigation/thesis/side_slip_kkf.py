@@ -87,7 +87,7 @@ BY_SIDE_SLIP = PassedMeasurement(GNSS, "heading", "velocity", "velocity", _by_si
 
 
 def side_slip_kkf(order: int) -> Definition:
-    """With extrapolation of this order."""
+    """The filter with extrapolation of this order."""
     system = YawKkfB(order)
     extrapolated = Measurement(
         "extrapolated_slip",

@@ -42,7 +42,7 @@ OF_WHEELS = PassedMeasurement(
 
 
 class VelocityKkfB(VelocityKkf):
-    """With b_d, `dynamic_bias` [m/s²]."""
+    """The velocity filter with the state b_d, `dynamic_bias` [m/s²]."""
 
     names = (*VelocityKkf.names, "dynamic_bias")
     parameters = (*VelocityKkf.parameters, "straight_rate")
@@ -70,7 +70,7 @@ NO_DYNAMIC_BIAS = Measurement(
 
 
 def triple(velocity: NavigationSpace, *more: Measurement) -> Definition:
-    """With this velocity filter, and more measurements of it."""
+    """The three filters with this velocity filter and further measurements of it."""
     parts = {
         "wheels": (WheelSpeedEkf(), (*B2, YAW_OF_GYRO)),
         "heading": (YawKkf(), (COURSE,)),
