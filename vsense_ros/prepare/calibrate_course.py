@@ -28,10 +28,6 @@ from vsense_ros.prepare.calibration_drive import CALIBRATION, CalibrationDrive
 
 Array = NDArray[np.float64]
 
-_LATENCY = 0.05  # [s] that a receiver or a bus may be late, standard deviation where the file does not say
-_COMPLIANCE = 0.3  # [-] of its value, likewise
-_SMALLEST_LATENCY = 0.002  # [s] that is worth a change
-
 
 def rear_compliance(car: Vehicle) -> float:
     """Slip angle of the rear axle per lateral acceleration, by the vehicle file [rad s²/m]."""
@@ -50,7 +46,7 @@ def compliance(car: Vehicle, axle: str) -> float:
 def relative_compliance(car: Vehicle, axle: str) -> float:
     """Standard deviation of the compliance of an axle over its value [-]."""
     stated = car.deviations().get(f"{axle}.cornering_scale")
-    return _COMPLIANCE if stated is None else stated / getattr(car.physics, axle).cornering_scale
+    return CALIBRATION.compliance_deviation if stated is None else stated / getattr(car.physics, axle).cornering_scale
 
 
 def course(drives: Sequence[CalibrationDrive], car: Vehicle) -> Iterator[Calibrated]:
@@ -66,7 +62,9 @@ def course(drives: Sequence[CalibrationDrive], car: Vehicle) -> Iterator[Calibra
     bias, scale, place = imu[1].rate_offset[2], imu[1].rate_scale[2], antenna.position[0]
     mean = np.array([-bias, 0.0, arm + place, -slip, -scale])
     places_off, slip_off = max(stated, default=ANTENNA_DEVIATION), relative_compliance(car, "rear") * slip
-    prior = np.array([max(imu[1].rate_bias, 1e-4), _LATENCY, places_off, slip_off, GYRO_SCALE_DEVIATION])
+    prior = np.array(
+        [max(imu[1].rate_bias, 1e-4), CALIBRATION.latency_deviation, places_off, slip_off, GYRO_SCALE_DEVIATION]
+    )
     estimated = posterior(blocks, mean, prior)
     yield _gyro(imu[0], bias, estimated)
     yield _scale(imu[0], scale, estimated)
@@ -121,7 +119,7 @@ def _latency(car: Vehicle, imu: str, estimated: Posterior) -> Calibrated:
     changes = {
         f"sensors.{n}.latency": Change(_rounded(car.sensors[n].latency + abs(delay), 1e-4), deviation) for n in delayed
     }
-    worth = max(deviation, _SMALLEST_LATENCY) < abs(delay)
+    worth = max(deviation, CALIBRATION.smallest_latency) < abs(delay)
     return Calibrated(
         name, "s", first, first + abs(delay) if worth else first, float(estimated.prior[1]), deviation,
         changes if worth else {}, "bends in both directions with GNSS, such as roundabouts",

@@ -22,15 +22,6 @@ from vsense_ros.prepare.calibration_drive import CALIBRATION, CalibrationDrive
 
 Array = NDArray[np.float64]
 
-_TILT = 0.1  # [rad] that a sensor may lean, standard deviation
-_CROSSFALL = 0.02  # [rad] by which roads fall to the side on average, and do on both ways (AASHTO 2018: 1.5 to 2 %)
-_GRADE_LENGTH = 1000.0  # [m] along which a grade lasts: over longer drives its mean vanishes
-# [-] of a turn that a gyro across reads, standard deviation: data sheets say ±2 % (InvenSense MPU-6050, Bosch BMI160)
-_CROSS_AXIS = 0.012
-_ARM = 0.5  # [m] that the place of the sensor may be off, standard deviation
-_ROLLING = 0.1  # [-] of a lateral acceleration that a rolling or pitching body adds to it, standard deviation
-_LEANING = 0.02  # [rad s²/m] of a body that rolls or pitches, standard deviation
-_GYRO_BIAS = 0.02  # [rad/s] of the gyros across, standard deviation
 _ADVICE = "braking and accelerating straight ahead, and bends in both directions, on a level road, with GNSS"
 _AXES = ("roll", "pitch", "yaw")
 
@@ -47,7 +38,9 @@ def inertial(drives: Sequence[CalibrationDrive], car: Vehicle) -> Iterator[Calib
     has_all_axes = any(np.isfinite(drive.forces[:, 2]).any() for drive in drives)
     yaw = _joined((-leftward.values[2], leftward.deviations[2]), (forward.values[2], forward.deviations[2]))
     tilts, offsets = [], []
-    for k, (post, sign, slope) in enumerate(((leftward, 1.0, _CROSSFALL), (forward, -1.0, _mean_grade(drives, car)))):
+    for k, (post, sign, slope) in enumerate(
+        ((leftward, 1.0, CALIBRATION.crossfall), (forward, -1.0, _mean_grade(drives, car)))
+    ):
         by_gyro = _tilt_by_gyro(drives, k, leftward) if has_all_axes else None
         tilt, offset = _tilt_and_offset(post, sign * GRAVITY, slope, by_gyro, imu.force_bias, has_all_axes)
         tilts.append(tilt)
@@ -56,7 +49,7 @@ def inertial(drives: Sequence[CalibrationDrive], car: Vehicle) -> Iterator[Calib
         yield from _mounting(name, imu, [*tilts, yaw])
     for axis, words, (value, deviation) in ((0, "longitudinal", offsets[1]), (1, "lateral", offsets[0])):
         before = imu.force_offset[axis]
-        prior = max(imu.force_bias, GRAVITY * _TILT * (not has_all_axes))
+        prior = max(imu.force_bias, GRAVITY * CALIBRATION.tilt_deviation * (not has_all_axes))
         yield Calibrated(
             f"offset of the {words} accelerometer", "m/s²", before, value, prior, deviation,
             {f"sensors.{name}.force_offset.{axis}": Change(round(value, 4), deviation)}, _ADVICE,
@@ -73,7 +66,15 @@ def _left(drives: Sequence[CalibrationDrive], car: Vehicle, imu: Imu) -> Posteri
         blocks += drive.blocks(x, drive.smooth(drive.forces[:, 1]), drive.driving)
     slip = compliance(car, "rear")
     arm = car.physics.chassis.cog_to_rear_axle + imu.position[0]
-    prior = np.array([GRAVITY * _TILT, _ROLLING, _TILT, _ARM, relative_compliance(car, "rear") * slip])
+    prior = np.array(
+        [
+            GRAVITY * CALIBRATION.tilt_deviation,
+            CALIBRATION.rolling_deviation,
+            CALIBRATION.tilt_deviation,
+            CALIBRATION.arm_deviation,
+            relative_compliance(car, "rear") * slip,
+        ]
+    )
     return posterior(blocks, np.array([0.0, 1.0, 0.0, arm, -slip]), prior) if blocks else None
 
 
@@ -84,14 +85,22 @@ def _forward(drives: Sequence[CalibrationDrive], imu: Imu) -> Posterior | None:
         speed, rate = drive.speed, drive.yaw_rate
         x = np.column_stack([np.ones(len(speed)), drive.slope(speed), speed * rate, rate**2])
         blocks += drive.blocks(x, drive.smooth(drive.forces[:, 0]), drive.driving)
-    prior = np.array([GRAVITY * _TILT, _ROLLING, _TILT, 2 * _ARM])
+    prior = np.array(
+        [
+            GRAVITY * CALIBRATION.tilt_deviation,
+            CALIBRATION.rolling_deviation,
+            CALIBRATION.tilt_deviation,
+            2 * CALIBRATION.arm_deviation,
+        ]
+    )
     return posterior(blocks, np.array([0.0, 1.0, 0.0, -imu.position[0]]), prior) if blocks else None
 
 
 def _mean_grade(drives: Sequence[CalibrationDrive], car: Vehicle) -> float:
     """Standard deviation of the mean grade of drives [rad], by that of a grade at one place and how far they go."""
     distance = sum(float(np.nansum(np.where(drive.driving, drive.speed, 0.0))) for drive in drives) * CALIBRATION.step
-    return float(car.observer.surroundings.grade * np.sqrt(_GRADE_LENGTH / (_GRADE_LENGTH + distance)))
+    length = CALIBRATION.grade_length
+    return float(car.observer.surroundings.grade * np.sqrt(length / (length + distance)))
 
 
 def _tilt_by_gyro(drives: Sequence[CalibrationDrive], axis: int, leftward: Posterior) -> tuple[float, float] | None:
@@ -110,9 +119,16 @@ def _tilt_by_gyro(drives: Sequence[CalibrationDrive], axis: int, leftward: Poste
         blocks += drive.blocks(x, drive.smooth(drive.rates[:, axis_across]), drive.driving)
     if not blocks:
         return None
-    prior = np.array([_TILT, _GYRO_BIAS, _LEANING, max(leftward.deviations[1] / GRAVITY, 1e-4)])
+    prior = np.array(
+        [
+            CALIBRATION.tilt_deviation,
+            CALIBRATION.gyro_bias_deviation,
+            CALIBRATION.leaning_deviation,
+            max(leftward.deviations[1] / GRAVITY, 1e-4),
+        ]
+    )
     estimated = posterior(blocks, np.array([0.0, 0.0, 0.0, leaning]), prior)
-    return sign * float(estimated.values[0]), float(np.hypot(estimated.deviations[0], _CROSS_AXIS))
+    return sign * float(estimated.values[0]), float(np.hypot(estimated.deviations[0], CALIBRATION.cross_axis_deviation))
 
 
 def _tilt_and_offset(
@@ -126,7 +142,7 @@ def _tilt_and_offset(
         return (0.0, 0.0), (mean, float(np.hypot(deviation, GRAVITY * slope)))
     design = np.array([[gain, 1.0]])
     weight = 1 / (deviation**2 + (GRAVITY * slope) ** 2)
-    information = design.T @ design * weight + np.diag([1 / _TILT**2, 1 / bias**2])
+    information = design.T @ design * weight + np.diag([1 / CALIBRATION.tilt_deviation**2, 1 / bias**2])
     right = design[0] * mean * weight
     if by_gyro is not None:
         information[0, 0] += by_gyro[1] ** -2
@@ -148,11 +164,13 @@ def _joined(first: tuple[float, float], second: tuple[float, float]) -> tuple[fl
 
 def _mounting(name: str, imu: Imu, small_angles: Sequence[tuple[float, float]]) -> Iterator[Calibrated]:
     """The attitude of the file, turned by the small angles that were found."""
-    determined = [value if deviation < 0.6 * _TILT else 0.0 for value, deviation in small_angles]
+    prior = CALIBRATION.tilt_deviation
+    largest = CALIBRATION.determined_share * prior
+    determined = [value if deviation < largest else 0.0 for value, deviation in small_angles]
     turned = Rotation.from_rotvec(determined) * Rotation.from_euler("xyz", imu.attitude)
     attitude = turned.as_euler("xyz")
     for axis, (words, after, (_, deviation)) in enumerate(zip(_AXES, attitude, small_angles, strict=True)):
         yield Calibrated(
-            f"{words} of the inertial sensor's mounting", "rad", imu.attitude[axis], float(after), _TILT, deviation,
+            f"{words} of the inertial sensor's mounting", "rad", imu.attitude[axis], float(after), prior, deviation,
             {f"sensors.{name}.attitude.{axis}": Change(round(float(after), 5), deviation)}, _ADVICE,
         )  # fmt: skip

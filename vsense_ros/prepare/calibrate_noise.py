@@ -12,9 +12,7 @@ from vsense_ros.model.sensors import Imu, WheelSpeeds
 from vsense_ros.model.sensors.gnss_velocity import GnssVelocity
 from vsense_ros.model.vehicle import Vehicle
 from vsense_ros.prepare.calibrated import Calibrated, Change
-from vsense_ros.prepare.calibration_drive import CalibrationDrive
-
-_LEAST_SHARE = 0.5  # [-] of what the file says, below which a measured noise is not believed
+from vsense_ros.prepare.calibration_drive import CALIBRATION, CalibrationDrive
 
 
 def noise_levels(drives: Sequence[CalibrationDrive], car: Vehicle) -> Iterator[Calibrated]:
@@ -63,5 +61,5 @@ def _latency(car: Vehicle, name: str) -> float:
 
 
 def _noise(words: str, unit: str, before: float, level: float, path: str) -> Calibrated:
-    after = float(f"{max(level, _LEAST_SHARE * before):.3g}")
+    after = float(f"{max(level, CALIBRATION.least_noise_share * before):.3g}")
     return Calibrated(words, unit, before, after, max(before, after), 0.1 * after, {path: Change(after)})

@@ -15,8 +15,6 @@ from vsense_ros.prepare.calibration_drive import CALIBRATION, CalibrationDrive
 
 Array = NDArray[np.float64]
 
-_STEADY = 0.5  # [m/s²] below which drive slip is small
-
 
 def radii(drives: Sequence[CalibrationDrive], car: Vehicle) -> Iterator[Calibrated]:
     """Unloaded radii of both axles, such that the loaded tyres roll as they did."""
@@ -28,7 +26,7 @@ def radii(drives: Sequence[CalibrationDrive], car: Vehicle) -> Iterator[Calibrat
         for drive in drives:
             spin = drive.smooth(drive.spin[:, wheels].mean(axis=1))
             straight = np.abs(drive.yaw_rate) < CALIBRATION.straight
-            steady = np.abs(drive.slope(drive.speed)) < _STEADY
+            steady = np.abs(drive.slope(drive.speed)) < CALIBRATION.steady
             blocks += drive.blocks(spin[:, None], drive.speed, drive.driving & straight & steady)
         path, before = f"physics.{axle}.unloaded_radius", float(nominal_radii[wheels][0])
         unloaded = getattr(car.physics, axle).unloaded_radius

@@ -20,9 +20,7 @@ from vsense_ros.prepare.calibration_drive import CALIBRATION, CalibrationDrive
 
 Array = NDArray[np.float64]
 
-_RATIO = 0.1  # [-] of the ratio, standard deviation where the file does not say
 _ADVICE = "tight bends at 15 to 30 km/h, as in a car park, and bends of a country road, with GNSS"
-_LAG = 0.15  # [s] that a car may answer its steering later, standard deviation
 
 
 def steering(drives: Sequence[CalibrationDrive], car: Vehicle) -> Iterator[Calibrated]:
@@ -50,7 +48,7 @@ def steering(drives: Sequence[CalibrationDrive], car: Vehicle) -> Iterator[Calib
     )
     stated = _relative_deviation(car, path, before)
     spread = np.hypot(relative_compliance(car, "front") * front, relative_compliance(car, "rear") * rear)
-    prior = np.array([stated, spread, max(around.steering_offset, 1e-4), _LAG])
+    prior = np.array([stated, spread, max(around.steering_offset, 1e-4), CALIBRATION.lag_deviation])
     estimated = posterior(blocks, np.array([1.0, front - rear, 0.0, 0.0]), prior)
     share, share_deviation = float(estimated.values[0]), float(estimated.deviations[0])
     yield (
@@ -74,7 +72,7 @@ def steering(drives: Sequence[CalibrationDrive], car: Vehicle) -> Iterator[Calib
 def _relative_deviation(car: Vehicle, path: str, value: float) -> float:
     """Standard deviation of a number of the file over its value [-], or what is usual where the file does not say."""
     stated = car.uncertainty.get(path)
-    return _RATIO if stated is None else stated.deviation / value
+    return CALIBRATION.ratio_deviation if stated is None else stated.deviation / value
 
 
 def _gain(name: str, before: float, prior: float, share: float, deviation: float) -> Calibrated:

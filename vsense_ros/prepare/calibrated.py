@@ -12,9 +12,7 @@ from pydantic import ValidationError
 from vsense_ros.errors import InputError
 from vsense_ros.model.schema.uncertainty import Uncertainty
 from vsense_ros.model.vehicle import Vehicle
-
-# A quantity is determined if the drives leave no more of what was uncertain than this share.
-DETERMINED_SHARE = 0.6
+from vsense_ros.prepare.calibration_drive import CALIBRATION
 
 
 @dataclass(frozen=True)
@@ -45,7 +43,7 @@ class Calibrated:
     @property
     def determined(self) -> bool:
         """True if the drives leave clearly less uncertain than there was before."""
-        return self.deviation <= DETERMINED_SHARE * self.prior
+        return self.deviation <= CALIBRATION.determined_share * self.prior
 
     @property
     def is_changed(self) -> bool:

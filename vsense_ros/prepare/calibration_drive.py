@@ -24,7 +24,7 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class CalibrationSettings:
-    """Bounds of the driving from which sensors are calibrated: decisions of this project."""
+    """Bounds of the driving from which sensors are calibrated, and what is known before: decisions of this project."""
 
     step: float = 0.02  # [s] of the common clock
     longest_gap: float = 0.35  # [s] between two messages, to interpolate between them; of a slower sensor:
@@ -40,6 +40,25 @@ class CalibrationSettings:
     slowest_noise: float = 0.15  # [s] between messages, beyond which motion hides their noise
     least_driving: float = 20.0  # [s] of a recording that is used
     least_messages: int = 20  # of a signal that is used
+    steady: float = 0.5  # [m/s²] of acceleration along the car below which drive slip is small
+    grade_length: float = 1000.0  # [m] along which a grade lasts: over longer drives its mean vanishes
+    crossfall: float = 0.02  # [rad] by which roads fall to the side on average, both ways (AASHTO 2018: 1.5 to 2 %)
+    # Standard deviations before a drive, where the vehicle file does not state them.
+    latency_deviation: float = 0.05  # [s] that a receiver or a bus may be late
+    compliance_deviation: float = 0.3  # [-] of the cornering compliance of an axle, as a share of its value
+    tilt_deviation: float = 0.1  # [rad] that a sensor may lean
+    arm_deviation: float = 0.5  # [m] that the place of the inertial sensor may be off
+    # [-] of a turn that a gyro across reads: data sheets say ±2 % (InvenSense MPU-6050, Bosch BMI160)
+    cross_axis_deviation: float = 0.012
+    rolling_deviation: float = 0.1  # [-] of a lateral acceleration that a rolling or pitching body adds to it
+    leaning_deviation: float = 0.02  # [rad s²/m] of a body that rolls or pitches
+    gyro_bias_deviation: float = 0.02  # [rad/s] of the gyros across
+    ratio_deviation: float = 0.1  # [-] of the steering ratio, as a share of its value
+    lag_deviation: float = 0.15  # [s] that a car may answer its steering later
+    # What is worth a change of the vehicle file.
+    determined_share: float = 0.6  # [-] of the deviation before, up to which a quantity is determined
+    smallest_latency: float = 0.002  # [s]
+    least_noise_share: float = 0.5  # [-] of what the file says, below which a measured noise is not believed
 
 
 CALIBRATION = CalibrationSettings()
