@@ -35,6 +35,7 @@ CAR = ROOT / "config" / "vehicles" / "prototype_model.yaml"
 STAGES = ("car", "data", "check", "estimate", "identify", "explain", "compare", "live")
 FILM_WIDTH = 900  # [px]
 FRAME = 1600  # [ms]
+SIGNALS = 30  # of the recording of an hour, which are shown together
 SETTLE = 4000  # [ms] for what starts in the background, before something is measured
 WATCH = 0.2  # [s] between two looks at the memory
 
@@ -50,6 +51,7 @@ def hour(path: Path) -> None:
             for name in ("angular_velocity", "linear_acceleration")
         }
         topic = f"imu{k}/data"
+        values["orientation_covariance"] = np.broadcast_to(-np.eye(1, 9), (len(stamp), 9))  # there is no attitude
         channels[topic] = Channel(topic, "sensor_msgs/msg/Imu", stamp, stamp, values, "imu_link")
     write_bag(path, Recording(channels, "hour"))
 
@@ -146,9 +148,9 @@ class MostMemory(Thread):
 
     def run(self) -> None:
         while not self.ended:
-            others = (pid for pid in children(os.getpid()) if pid != self.pid)
+            drivers = (pid for pid in children(os.getpid()) if pid != self.pid)  # what sends the clicks is no browser
             self.command = max(self.command, memory_of(self.pid))
-            self.browser = max(self.browser, sum(map(memory_of, others)))
+            self.browser = max(self.browser, sum(memory_of(pid) for driver in drivers for pid in children(driver)))
             time.sleep(WATCH)
 
 
@@ -199,6 +201,7 @@ def of_an_hour(scratch: Path) -> dict[str, float]:
             topic.click()
         for box in page.get_by_label("all of them").all():
             box.click()
+        assert page.locator(".vs-tree input[value]:checked").count() == SIGNALS
         page.wait_for_timeout(SETTLE)
         windows = ((0, 1800), (600, 2400), (100, 130), (0, 3600), (1000, 1010))
         zooms = [float(page.evaluate(ZOOM, window)) for window in windows]

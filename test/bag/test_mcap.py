@@ -17,6 +17,7 @@ from rosbags.rosbag2 import Reader, StoragePlugin, Writer
 from rosbags.typesys import Stores, get_typestore
 
 from vsense_ros.bag import BagWriter, read_bag, write_bag
+from vsense_ros.bag.mcap import Rows
 from vsense_ros.bag.reading import glance_at_bag
 from vsense_ros.errors import InputError
 from vsense_ros.messages import cdr, cdr_messages
@@ -402,3 +403,15 @@ def test_a_first_look_at_a_large_bag_has_its_messages_from_begin_to_end(tmp_path
     assert stretches >= 4
     assert jumps.max() < 1.5 * len(known) / (stretches - 1)  # they lie evenly
     assert glance_at_bag(tmp_path / "large", most=1 << 30) is None  # the whole of it is as quick
+
+
+def test_messages_in_which_most_bytes_stay_take_the_memory_of_those_that_change() -> None:
+    random = np.random.default_rng(1)
+    messages = np.tile(random.integers(0, 256, 324, dtype=np.uint8), (500, 1))
+    messages[:, 30:78] = random.integers(0, 256, (500, 48), dtype=np.uint8)
+    rows = Rows.of(messages)
+    again = np.empty_like(messages)
+    rows.write(again)
+    assert np.array_equal(again, messages)
+    assert rows.as_list() == [bytes(one) for one in messages]
+    assert rows.values.nbytes < messages.nbytes / 6

@@ -58,3 +58,13 @@ def test_a_compact_channel_says_the_same_in_less_memory_where_a_column_never_cha
         assert [repr(sample) for sample in one] == [repr(sample) for sample in other]
     if rows > 1 and (constant or value == 1.5):
         assert compact.columns["angular_velocity_covariance"].strides[0] == 0
+
+
+def test_an_attitude_that_an_inertial_sensor_says_it_has_not_is_no_signal() -> None:
+    stamp = np.arange(3)
+    columns = {"orientation": np.zeros((3, 4)), "angular_velocity": np.ones((3, 3))}
+    unknown = np.zeros((3, 9))
+    unknown[:, 0] = -1  # as sensor_msgs/Imu defines it
+    for covariance, count in ((unknown, 3), (np.zeros((3, 9)), 7)):
+        channel = Channel("imu", "sensor_msgs/msg/Imu", stamp, stamp, {**columns, "orientation_covariance": covariance})
+        assert len(channel.table().columns) == count

@@ -11,7 +11,7 @@ import zstandard
 from numpy.typing import NDArray
 
 from vsense_ros.bag.decoding import LONGEST_RECORDING, TopicMessages, channels_of, skipped
-from vsense_ros.bag.mcap import McapFile, Payloads, Times, read_file, read_part, unpacked_zstd
+from vsense_ros.bag.mcap import McapFile, Pieces, Rows, Times, read_file, read_part, unpacked_zstd
 from vsense_ros.bag.metadata import RELIABLE_QOS, TopicDescription, custom_data, information_in, parsed
 from vsense_ros.errors import InputError
 from vsense_ros.messages.foreign import READABLE
@@ -27,7 +27,6 @@ class BagLimits:
 
     largest_message: int = 1 << 20  # [byte] of those that rosbag2 has compressed one by one
     most_files: int = 100_000  # of one bag
-    given_back: int = 128 << 20  # [byte] of freed memory after which the system gets it back
     glance: int = 32 << 20  # [byte] that a first look unpacks
 
 
@@ -57,7 +56,7 @@ class _Topic:
 
     kind: str
     is_cdr: bool = True
-    pieces: list[tuple[Payloads, Times]] = field(default_factory=list)
+    pieces: Pieces = field(default_factory=list)
 
     @property
     def count(self) -> int:
@@ -68,20 +67,20 @@ class _Topic:
         times = np.concatenate([times for _, times in self.pieces])
         blocks = [payloads for payloads, _ in self.pieces]
         self.pieces.clear()
-        if len({block.shape[1] if isinstance(block, np.ndarray) else None for block in blocks}) > 1 or isinstance(
+        if len({len(block.first) if isinstance(block, Rows) else None for block in blocks}) > 1 or isinstance(
             blocks[0], list
         ):
-            return TopicMessages(self.kind, [bytes(payload) for block in blocks for payload in block], times)
-        rows = np.empty((len(times), blocks[0].shape[1]), np.uint8)
-        end, freed = len(rows), 0
+            lists = (block.as_list() if isinstance(block, Rows) else block for block in blocks)
+            return TopicMessages(self.kind, [payload for one in lists for payload in one], times)
+        rows = np.empty((len(times), len(blocks[0].first)), np.uint8)
+        end = len(rows)
         while blocks:
-            block = np.asarray(blocks.pop())
-            rows[end - len(block) : end] = block
-            end, freed = end - len(block), freed + block.nbytes
-            del block
-            if freed > LIMITS.given_back or not blocks:
-                give_back()
-                freed = 0
+            block = blocks.pop()
+            assert isinstance(block, Rows)
+            block.write(rows[end - len(block) : end])
+            end -= len(block)
+        del block
+        give_back()
         return TopicMessages(self.kind, rows, times)
 
     def raw(self) -> RawChannel:
@@ -135,15 +134,16 @@ class _Bag:
                 self.contradictions[name, kind] = self.contradictions.get((name, kind), 0) + messages
 
 
-def _without_compression(piece: tuple[Payloads, Times]) -> tuple[Payloads, Times]:
+def _without_compression(piece: tuple[list[bytes] | Rows, Times]) -> tuple[list[bytes] | Rows, Times]:
     """Messages that rosbag2 may have compressed one by one; a damaged one becomes empty, which is no message."""
     payloads, times = piece
-    if bytes(payloads[0][:4]) != _ZSTD:
+    first = payloads.first.tobytes() if isinstance(payloads, Rows) else payloads[0]
+    if first[:4] != _ZSTD:
         return piece
     unpacked = []
-    for payload in payloads:
+    for payload in payloads.as_list() if isinstance(payloads, Rows) else payloads:
         try:
-            unpacked.append(unpacked_zstd(bytes(payload), LIMITS.largest_message))
+            unpacked.append(unpacked_zstd(payload, LIMITS.largest_message))
         except zstandard.ZstdError:
             unpacked.append(b"")
     return unpacked, times

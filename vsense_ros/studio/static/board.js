@@ -37,9 +37,12 @@
       this.window = kept && kept[1] <= this.full[1] && !this.link.whole ? kept.slice() : this.full.slice();
       this.build();
     }
-    dispose() { this.link.remove(this); this.resized.disconnect(); }
+    dispose() { this.link.remove(this); this.resized.disconnect(); this.release(); }
+    /** Give back the memory of the pictures, which would stay until the browser looks for what is not used any more. */
+    release() { for (const { canvas } of this.plots || []) canvas.width = canvas.height = 0; }
 
     build() {
+      this.release();
       this.element.replaceChildren();
       this.plots = this.spec.plots.map((plot) => {
         const box = make("div", "vs-plot", this.element);
@@ -161,8 +164,10 @@
       }
     }
     line(g, curve, y, colour, dash, width) {
-      g.strokeStyle = colour; g.lineWidth = width; g.setLineDash(dash ? [5, 4] : []); g.lineJoin = "bevel";
       const { x, low, high } = curve, [first, last] = this.window, scale = (this.width - LEFT - RIGHT) / (last - first);
+      const fine = x.length > this.width / 4; // a line of one pixel of the screen is drawn many times faster than a wider one
+      g.strokeStyle = colour; g.lineWidth = fine ? 1 / (window.devicePixelRatio || 1) : width;
+      g.setLineDash(dash ? [5, 4] : []); g.lineJoin = "bevel";
       g.beginPath();
       let pen = false, before = 0;
       for (let i = 0; i < x.length; i++) {
