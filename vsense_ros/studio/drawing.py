@@ -56,7 +56,8 @@ def drawing(car: Vehicle) -> str:
         f"{car.name}: wheelbase {ahead + behind:.3f} m, track {front.track:.2f} and {rear.track:.2f} m, "
         f"centre of gravity {chassis.cog_height:.2f} m above the ground"
     )
-    return f'<svg viewBox="0 0 {_WIDTH} {_SIDE + _TOP}" role="img" aria-label="{escape(label)}">{"".join(parts)}</svg>'
+    size = f"0 0 {_WIDTH} {_SIDE + _TOP + 40}"
+    return f'<svg viewBox="{size}" role="img" aria-label="{escape(label)}">{"".join(parts)}</svg>'
 
 
 def _cog(x: float, y: float) -> str:
@@ -99,16 +100,21 @@ def _sensors(car: Vehicle, x: object, z: object, scale: float, height: float) ->
     middle = _SIDE + _TOP / 2
     parts = []
     places = ((name, getattr(one, "position", None)) for name, one in car.sensors.items())
-    placed = [(name, place) for name, place in places if place is not None]
-    for i, (name, (forward, left, up)) in enumerate(placed):
-        colour = _COLOURS[i % len(_COLOURS)]
+    placed: dict[tuple[float, float, float], list[str]] = {}  # names of the sensors in each place
+    for name, place in places:
+        if place is not None:
+            placed.setdefault(tuple(place), []).append(name)
+    legend = [(_COLOURS[i % len(_COLOURS)], ", ".join(names)) for i, names in enumerate(placed.values())]
+    legend.append(("#d98e1f", "roll centre of each axle"))
+    for (forward, left, up), (colour, name) in zip(placed, legend, strict=False):
         about = escape(f"{name}: {forward:+.2f}, {left:+.2f}, {up:+.2f} m from the centre of gravity")
         for px, py in ((x(forward), z(height + up)), (x(forward), middle + left * scale)):
             parts.append(
                 f'<rect x="{px - 4:.1f}" y="{py - 4:.1f}" width="8" height="8" fill="{colour}">'
                 f"<title>{about}</title></rect>"
             )
-        row = _SIDE + _TOP - 6 - 15 * (len(placed) - 1 - i)
-        parts.append(f'<rect x="6" y="{row - 8}" width="8" height="8" fill="{colour}"/>')
-        parts.append(f'<text x="19" y="{row}">{escape(name)}</text>')
+    for i, (colour, name) in enumerate(legend):
+        left, row = 6 + (_WIDTH - 6) // 3 * (i % 3), _SIDE + _TOP + 12 + 18 * (i // 3)
+        parts.append(f'<rect x="{left}" y="{row - 9}" width="8" height="8" fill="{colour}"/>')
+        parts.append(f'<text x="{left + 13}" y="{row}">{escape(name)}</text>')
     return parts

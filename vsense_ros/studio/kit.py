@@ -15,6 +15,7 @@ from vsense_ros.studio.actions import Action
 from vsense_ros.studio.jobs import Job, Status
 from vsense_ros.studio.workbench import Workbench
 
+_LONG = 24  # [characters] of a cell, from which on it has several lines
 _POLL = 0.25  # [s] between two looks at a job
 
 
@@ -85,7 +86,9 @@ def table(heads: Sequence[str], rows: Sequence[Sequence[Any]], caption: str, *, 
     kind = ["t" if i in texts else "n" for i in range(len(heads))]
     head = "".join(f'<th scope="col" class="{k}">{escape(h)}</th>' for h, k in zip(heads, kind, strict=True))
     body = "".join(
-        "<tr>" + "".join(f'<td class="{k}">{_cell(c)}</td>' for c, k in zip(row, kind, strict=True)) + "</tr>"
+        "<tr>"
+        + "".join(f'<td class="{k}{_length(c)}">{_cell(c)}</td>' for c, k in zip(row, kind, strict=True))
+        + "</tr>"
         for row in rows
     )
     ui.html(
@@ -95,8 +98,18 @@ def table(heads: Sequence[str], rows: Sequence[Sequence[Any]], caption: str, *, 
     )
 
 
+def _length(content: Any) -> str:
+    """Class of a cell whose words need several lines, so that a narrow screen scrolls instead of wrapping each word."""
+    return " long" if isinstance(content, str) and len(content) > _LONG else ""
+
+
 def _cell(content: Any) -> str:
     return content.html if isinstance(content, Markup) else escape(str(content))
+
+
+def number(value: float, digits: int) -> str:
+    """A number with so many digits that count, without an exponent where people write none: 24900, not 2.49e+04."""
+    return f"{float(f'{value:.{digits}g}'):.12g}"
 
 
 class Markup:

@@ -174,7 +174,7 @@ def _show(bench: Workbench) -> None:
         return
     changes: dict[str, float] = {}
     with ui.element("div").classes("vs-columns car"):
-        with ui.element("div"), kit.panel(car.name, car.source[:240]):
+        with ui.element("div"), kit.panel(car.name, car.source):
             with ui.element("div").classes("vs-row"):
                 ui.button("Save changes", on_click=lambda: kit.attempt(lambda: _save(bench, changes))).props(
                     "unelevated no-caps dense"
@@ -228,7 +228,7 @@ def _group(car: Any, heading: str, paths: tuple[str, ...], changes: dict[str, fl
             meaning, allowed = allowed_values().get(path, ("", ""))
             key = path.removeprefix("physics.")
             with ui.element("div").classes("vs-field"):
-                label = key.split(".")[-1].replace("_", " ")
+                label = "steering ratio" if key == "steering.ratio" else key.split(".")[-1].replace("_", " ")
                 ui.html(f"<label>{label}</label>", sanitize=False).tooltip(f"{key}: {meaning} ({allowed})")
                 field = ui.number(value=float(f"{value:.6g}"), format="%.6g").props(
                     f'dense outlined aria-label="{key}"'

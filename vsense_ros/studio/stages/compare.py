@@ -127,7 +127,7 @@ def board(
         elif whole and f"{name}:reference" in a.signals:
             traces.append({"set": f"{first.key}/{CURVES}", "name": f"{name}:reference", "label": "reference",
                            "color": REFERENCE, "dash": True})  # fmt: skip
-        title = about["label"].capitalize() + (", difference" if difference else "")
+        title = about["label"][:1].upper() + about["label"][1:] + (", difference" if difference else "")
         plots.append({"title": title, "unit": about["unit"], "traces": traces, "height": 118})
     end = max(_length(curves, part, axis) for curves, part in zip((a, b), parts, strict=True))
     label = "distance [m]" if axis == DISTANCE else "time [s]"

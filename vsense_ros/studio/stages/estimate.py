@@ -216,7 +216,7 @@ def _signal_plot(key: str, curves: CurveSet, name: str, parts: list[dict[str, An
         traces.append(trace)
     if with_band and f"{name}:reference" in curves.signals:
         traces.append({"set": key, "name": f"{name}:reference", "label": "reference", "color": REFERENCE, "dash": True})
-    title = about["label"].capitalize() + (", error" if errors else "")
+    title = about["label"][:1].upper() + about["label"][1:] + (", error" if errors else "")
     return {"title": title, "unit": about["unit"], "traces": traces, "height": 118}
 
 

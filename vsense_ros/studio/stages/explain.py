@@ -102,7 +102,8 @@ def _effects(answer: Any) -> None:
         for one in effects:
             name = one.id.replace("_", " ") + (f" ({one.place})" if one.place else "")
             size = "; ".join(
-                f"{p.name.replace('_', ' ')} {p.value:.3g} [{p.interval_90[0]:.3g}, {p.interval_90[1]:.3g}] {p.unit}"
+                f"{p.name.replace('_', ' ')} {p.value:.3g} [{p.interval_90[0]:.3g}, {p.interval_90[1]:.3g}] "
+                f"{p.unit.removeprefix('-')}"
                 for p in one.parameters[:2]
             )
             gain = one.gain_held_out if one.gain_held_out is not None else one.gain_left_out

@@ -61,7 +61,8 @@ def _show(bench: Workbench, job: Job) -> None:
         rows = []
         for one in result["rows"]:
             before, after, deviation = one["before"], one["after"], one["deviation"]
-            change = f"{100 * (after / before - 1):+.0f} %" if before else "–"
+            percent = round(100 * (after / before - 1)) if before else None
+            change = "–" if percent is None else f"{percent:+d} %" if percent else "0 %"
             kind = (
                 ("determined", "good")
                 if one["determined"]
@@ -72,10 +73,10 @@ def _show(bench: Workbench, job: Job) -> None:
             rows.append(
                 (
                     one["name"].replace("_", " "),
-                    f"{before:.4g}",
-                    f"{after:.4g}",
-                    f"{deviation:.2g}",
-                    one["unit"],
+                    kit.number(before, 4),
+                    kit.number(after, 4),
+                    kit.number(deviation, 2),
+                    one["unit"].replace("-", ""),
                     change,
                     _interval(before, after, deviation),
                     kit.tag(*kind),
@@ -134,10 +135,11 @@ def _convergence(result: dict[str, Any]) -> None:
             for k, v in enumerate(values)
         )
         name = one["name"].replace("_", " ")
+        limits = f"{kit.number(values[0], 3)} → {kit.number(values[-1], 3)} {one['unit'].replace('-', '')}"
         cells.append(
             f'<figure><svg viewBox="0 0 120 38" role="img" '
-            f'aria-label="{name} from {values[0]:.4g} to {values[-1]:.4g}">'
-            f'<polyline points="{points}"/></svg><figcaption>{name}</figcaption></figure>'
+            f'aria-label="{name} from {limits}">'
+            f'<polyline points="{points}"/></svg><figcaption>{name}<br>{limits}</figcaption></figure>'
         )
     ui.html("".join(cells), sanitize=False).classes("vs-sparks")
 
