@@ -65,6 +65,7 @@ setup(
     packages=find_packages(include=[PACKAGE, f"{PACKAGE}.*"]),
     package_data={
         "": ["py.typed", "*.c", "*.cpp", "*.html", "templates/*.j2", "*.yaml", "*.xml", "*.json", "*.csv"],
+        f"{PACKAGE}.export": ["icons/*"],
         f"{PACKAGE}.studio": ["static/*.js", "static/*.css"],
     },
     data_files=[

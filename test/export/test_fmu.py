@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import json
 import shutil
 import subprocess
 import sys
@@ -12,7 +13,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-pytest.importorskip("fmpy")
+fmpy = pytest.importorskip("fmpy")
 from fmpy.fmi1 import FMICallException
 from fmpy.validation import validate_fmu
 
@@ -76,6 +77,20 @@ def test_a_unit_is_valid_and_has_the_bits_of_the_c_export_and_the_estimates_of_p
     assert found.steps > 300
     assert found.bitwise
     assert found.python < 1e-9
+
+
+def test_what_is_set_before_a_step_changes_no_output_until_then(units: dict[int, Path], vehicle: Vehicle) -> None:
+    """So that dependencies of outputs are empty, and their directional derivatives by inputs would be zero."""
+    unit = running(units, vehicle, 3)
+    outputs = [variable.name for variable in unit.unit.variables if variable.kind == "OUTPUT"]
+    unit.step(0.0, 0.004)
+    before = {name: unit.get(name) for name in outputs}
+    unit.set("input", [0.1, 0.0, 0.0, 200.0, 200.0])
+    unit.measured(0, np.array([0.0, 0.0, 0.5, 0.1, 2.0, 9.8]))
+    assert all(np.array_equal(unit.get(name), value) for name, value in before.items())
+    unit.step(0.004, 0.004)
+    assert not np.array_equal(unit.get("state"), before["state"])
+    unit.close()
 
 
 @pytest.mark.exam
@@ -317,3 +332,44 @@ def test_the_plant_moves_as_the_simulation_does(vehicle: Vehicle, tmp_path: Path
 def _start(vehicle: Vehicle, unit: fmu_check.Running) -> dict[str, np.ndarray]:
     state = unit.get("state")
     return {"q": state[:14], "u": state[14:28]}
+
+
+@pytest.mark.exam
+def test_libcosim_drives_the_plant_as_fmpy_does(vehicle: Vehicle, tmp_path: Path) -> None:
+    """The co-simulation engine of the Open Simulation Platform, which reads FMI 2."""
+    pytest.importorskip("libcosimpy", reason="libcosimpy is not installed here (requirements/hw.txt)")
+    path = tmp_path / "plant.fmu"
+    fmu.write(vehicle, path, 2, plant=True, optimised=QUICK)
+    given = {"steering.steering": 0.05, "torque.torque_rl": 100.0, "torque.torque_rr": 100.0}
+    asked = ["state.velocity_x", "state.velocity_y", "state.rate_z", "wheel_force_y.fl"]
+    program = [sys.executable, "-c", _BY_LIBCOSIM, str(path), json.dumps(given), *asked]
+    done = subprocess.run(program, capture_output=True, text=True, timeout=120)
+    assert done.returncode == 0, done.stderr
+    (said,) = (line for line in done.stdout.splitlines() if line.startswith("found "))
+    theirs = [float(word) for word in said.split()[1:]]
+    ours = fmpy.simulate_fmu(
+        str(path), stop_time=1.0, step_size=0.004, output_interval=0.004, start_values=given, output=asked
+    )[-1]
+    assert theirs == pytest.approx([ours[name] for name in asked], rel=1e-9)
+    assert abs(ours["state.rate_z"]) > 0.1
+
+
+_BY_LIBCOSIM = """
+import json, sys
+from libcosimpy.CosimExecution import CosimExecution
+from libcosimpy.CosimManipulator import CosimManipulator
+from libcosimpy.CosimObserver import CosimObserver
+from libcosimpy.CosimSlave import CosimLocalSlave
+
+path, given, *asked = sys.argv[1:]
+execution = CosimExecution.from_step_size(step_size=4e6)  # [ns]
+car = execution.add_local_slave(CosimLocalSlave(fmu_path=path, instance_name="car"))
+of = {variable.name.decode(): variable.reference for variable in execution.slave_variables(car)}
+given = json.loads(given)
+setting, reading = CosimManipulator.create_override(), CosimObserver.create_last_value()
+execution.add_manipulator(setting)
+execution.add_observer(reading)
+assert setting.slave_real_values(car, [of[name] for name in given], list(given.values()))
+assert execution.simulate_until(target_time=1e9)
+print("found", *reading.last_real_values(car, [of[name] for name in asked]))
+"""

@@ -8,10 +8,11 @@ from xml.etree import ElementTree
 
 import pytest
 
-pytest.importorskip("fmpy")
+fmpy = pytest.importorskip("fmpy")
+from lxml import etree  # FMPy needs it, too
 
 from vsense_ros.errors import InputError
-from vsense_ros.export import fmu
+from vsense_ros.export import fmu, terminals
 from vsense_ros.files.vehicle import load_vehicle
 from vsense_ros.model.sensors import SensorBase
 from vsense_ros.model.vehicle import Vehicle
@@ -66,6 +67,25 @@ def test_a_unit_of_arrays_has_as_many_elements_as_one_of_scalars(unit: fmu.Unit)
     root = ElementTree.fromstring(unit.description(3))
     sizes = [int(d.attrib["start"]) if (d := v.find("Dimension")) is not None else 1 for v in root.iter("Float64")]
     assert sum(sizes) == len(scalars(of_scalars(unit), 3))
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("of_elements", [False, True])
+def test_every_input_and_output_is_in_one_terminal_as_the_schema_has_them(
+    unit: fmu.Unit, of_elements: bool, tmp_path: Path
+) -> None:
+    chosen = of_scalars(unit) if of_elements else unit
+    terminals.write(chosen, 3, tmp_path)
+    written = tmp_path / "terminalsAndIcons"
+    schema = Path(fmpy.__file__).parent / "schema" / "fmi3" / "fmi3TerminalsAndIcons.xsd"
+    etree.XMLSchema(etree.parse(str(schema))).assertValid(etree.parse(str(written / "terminalsAndIcons.xml")))
+    root = ElementTree.parse(written / "terminalsAndIcons.xml").getroot()
+    assert {"imu", "wheel_speeds", "driver", "motion", "tyres"} <= {t.attrib["name"] for t in root.iter("Terminal")}
+    members = [one.attrib["variableName"] for one in root.iter("TerminalMemberVariable")]
+    every = next(ElementTree.fromstring(chosen.description(3)).iter("ModelVariables"))
+    wanted = [v.attrib["name"] for v in every if v.attrib["causality"] in ("input", "output")]
+    assert sorted(members) == sorted(wanted)
+    assert (written / "icon.png").read_bytes().startswith(b"\x89PNG")
 
 
 def kinds() -> list[type[SensorBase]]:

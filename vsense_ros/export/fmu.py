@@ -2,7 +2,9 @@
 
 The unit is the C of `export.c` with the functions of the standard around it: no Python, no library but libm, no global
 state. Measurements are inputs, of which a count says that they are new: what is set before a step was measured at its
-beginning. As a plant the same model moves without any measurement, driven by steering and wheel torques.
+beginning. As a plant the same model moves without any measurement, driven by steering and wheel torques. Outputs are
+those at the end of the last step. None depends on an input of the same time: directional derivatives, which the
+standard means at one point in time, would all be zero, and are not declared.
 
 Headers of the standard and the list of its functions come from FMPy (BSD-2, as the standard's headers themselves).
 """
@@ -24,7 +26,7 @@ import jinja2
 
 from vsense_ros.codegen.forms import number
 from vsense_ros.errors import InputError
-from vsense_ros.export import c
+from vsense_ros.export import c, terminals
 from vsense_ros.export.c import Contents, Observer
 from vsense_ros.export.entries import INPUT_ENTRIES, Entry
 from vsense_ros.export.sources import compile_library, identifier, plain, templates
@@ -226,6 +228,7 @@ def write(
         sources = folder / "sources"
         unit.sources(version, sources)
         (folder / "modelDescription.xml").write_text(unit.description(version), encoding="utf-8")
+        terminals.write(unit, version, folder)
         if version == 3:
             (sources / "buildDescription.xml").write_text(_build_description(unit), encoding="utf-8")
         for target in chosen:
@@ -394,10 +397,10 @@ def _description_2(unit: Unit) -> str:
         entry = Entry("", "-", "changes with each new measurement")
         add(f"{sensor.name}_count", FIRST_INTEGER + k, "INPUT", entry, 0.0, "Integer")
     structure = sub(root, "ModelStructure")
-    for part in ("Outputs", "InitialUnknowns"):
+    for part, known in (("Outputs", {"dependencies": ""}), ("InitialUnknowns", {})):
         element = sub(structure, part)
         for index in outputs:
-            sub(element, "Unknown", index=str(index))
+            sub(element, "Unknown", known, index=str(index))
     return _xml(root)
 
 
@@ -451,9 +454,9 @@ def _description_3(unit: Unit) -> str:
             variability="discrete", start="0", description="changes with each new measurement",
         )  # fmt: skip
     structure = sub(root, "ModelStructure")
-    for part in ("Output", "InitialUnknown"):
+    for part, known in (("Output", {"dependencies": ""}), ("InitialUnknown", {})):
         for place in outputs:
-            sub(structure, part, valueReference=str(place))
+            sub(structure, part, known, valueReference=str(place))
     return _xml(root)
 
 
