@@ -342,7 +342,7 @@ def test_base_parameters_have_one_column_where_none_was_fitted_with_what_was_fou
     assert "with what was found" not in text.partition("What the fit changed")[2]
 
 
-def test_a_share_that_no_vehicle_file_has_is_told_itself_and_not_as_a_change(tmp_path):
+def test_a_change_of_a_share_does_not_pass_for_a_relative_one(tmp_path):
     found = finding("named").with_(
         base={
             "share of the front wheels in driving": {"unit": "-", "value": 0.23, "explained": 0.27},
@@ -350,8 +350,8 @@ def test_a_share_that_no_vehicle_file_has_is_told_itself_and_not_as_a_change(tmp
         }
     )
     text = read(found, [], tmp_path).text
-    assert "share of the front wheels in driving (itself, as no vehicle file has it) 73 % 77 %" in text
-    assert "share of the front wheels in braking (itself, as no vehicle file has it) 65 % –" in text
+    assert "share of the front wheels in driving +0.230 +0.270" in text
+    assert "share of the front wheels in braking 0 –" in text
 
 
 def test_nothing_is_said_to_be_impossible_and_nothing_is_minus_zero(tmp_path):

@@ -7,12 +7,14 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from hidden import driven, having, prototype, silent, without
+from hidden import driven as driven_by
+from hidden import having, prototype, silent, without
 from vsense_ros.identification.least_squares import fit
-from vsense_ros.mismatch.candidates import TORQUE_SHARES, UNKNOWN_TORQUES, base_parameters
+from vsense_ros.mismatch.candidates import TORQUE_SHARES, base_parameters, unknown_torques
 from vsense_ros.mismatch.residuals import Residuals
 from vsense_ros.mismatch.simulation import Predictor
 from vsense_ros.mismatch.windows import Readings, build_dataset
+from vsense_ros.model.schema.drivetrain import Drivetrain
 
 VELOCITY = "gnss_velocity"
 DELAY = "effects.sensor_delay.wheel_speeds"
@@ -22,13 +24,13 @@ def untold(front: float, manoeuvre: str = "brake", *, wheels: bool = True) -> Re
     """Of a car without a word of its torques, of which the front wheels have this share."""
     car = prototype()
     vehicle = without(car, "wheel_torques") if wheels else without(car, "wheel_torques", "wheel_speeds")
-    return Residuals(Predictor(vehicle, build_dataset([driven(car, manoeuvre, front=front)], vehicle)))
+    return Residuals(Predictor(vehicle, build_dataset([driven_by(car, manoeuvre, front=front)], vehicle)))
 
 
 @pytest.mark.parametrize("front", [0.0, 0.5, 1.0])
 def test_which_wheels_drive_is_found_and_leaves_nothing_over(front):
     residuals = untold(front)
-    found = fit(residuals, residuals.predictor.start, UNKNOWN_TORQUES)
+    found = fit(residuals, residuals.predictor.start, unknown_torques(residuals.predictor.vehicle))
     assert found.parameter_set.values["torque.driving_front"] == pytest.approx(front, abs=0.1)
     assert found.parameter_set.values["torque.braking_front"] == pytest.approx(front, abs=0.1)
     assert residuals.worst(found.residuals) < 1.0
@@ -53,7 +55,7 @@ def test_a_gnss_velocity_now_and_then_and_an_accelerometer_tell_how_a_car_brakes
 
 def test_wheel_speeds_older_than_their_stamps_say_are_followed_as_the_wheels_turned():
     car = without(prototype(), "wheel_torques")
-    late = driven(having(prototype(), sensor_delay={"wheel_speeds": 0.2}), "brake again", front=0.5)
+    late = driven_by(having(prototype(), sensor_delay={"wheel_speeds": 0.2}), "brake again", front=0.5)
     residuals = Residuals(Predictor(car, build_dataset([late], car)))
     even = dict.fromkeys(TORQUE_SHARES, 0.5)
     right, wrong = (
@@ -63,7 +65,7 @@ def test_wheel_speeds_older_than_their_stamps_say_are_followed_as_the_wheels_tur
 
 
 def test_a_road_needs_as_many_points_however_seldom_the_speed_is_told():
-    dataset = build_dataset([driven(prototype(), "slalom")], prototype())
+    dataset = build_dataset([driven_by(prototype(), "slalom")], prototype())
     ends = [Readings(w.place.t[[0, -1]], w.place.value[[0, -1]]) for w in dataset.windows]
     seldom = tuple(replace(w, place=end) for w, end in zip(dataset.windows, ends, strict=True))
     assert replace(dataset, windows=seldom).points == dataset.points
@@ -72,7 +74,7 @@ def test_a_road_needs_as_many_points_however_seldom_the_speed_is_told():
 
 def test_an_accelerometer_does_not_bridge_a_gap_of_gnss():
     car = prototype()
-    gap = silent(driven(car, "brake", 20.0), 9.0, 11.0, "gps/velocity")
+    gap = silent(driven_by(car, "brake", 20.0), 9.0, 11.0, "gps/velocity")
     dataset = build_dataset([gap], without(car, "wheel_torques", "wheel_speeds"))
     assert [(w.end < 9.6 or w.begin > 10.4) for w in dataset.windows] == [True, True]
 
@@ -83,4 +85,12 @@ def test_an_accelerometer_does_not_bridge_a_gap_of_gnss():
 )
 def test_which_wheels_drive_is_fitted_where_their_speeds_tell_it_and_nothing_else_does(kinds, fitted):
     names = {parameter.name for parameter in base_parameters(prototype(), kinds=kinds)}
-    assert {parameter.name in names for parameter in UNKNOWN_TORQUES} == {fitted}
+    assert {parameter.name in names for parameter in unknown_torques(prototype())} == {fitted}
+
+
+@pytest.mark.parametrize(("driven", "axles"), [("front", {"front"}), ("rear", {"rear"}), (None, {"front", "rear"})])
+def test_without_wheel_speeds_those_axles_are_driven_that_the_vehicle_file_says(driven, axles):
+    car = without(prototype(), "wheel_torques", "wheel_speeds")
+    car = car.model_copy(update={"drivetrain": Drivetrain(driven=driven)})
+    predictor = Predictor(car, build_dataset([driven_by(prototype(), "brake")], car))
+    assert predictor.drives.driven_axles(predictor.start) == axles

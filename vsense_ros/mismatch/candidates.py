@@ -52,13 +52,26 @@ BASE = (
     _relative("tyre radius", 0.01, "front.unloaded_radius", "rear.unloaded_radius"),
 )
 
-# Share of the front wheels in the torque that drives and in the torque that brakes, where no torques are measured. The
-# nominal values are those of a car that is not known: driven by either axle, and braked mostly at the front.
-TORQUE_SHARES = {"torque.driving_front": 0.5, "torque.braking_front": 0.65}
-UNKNOWN_TORQUES = tuple(
-    FreeParameter(f"share of the front wheels in {what}", "-", deviation, -start, 1 - start, added(name))
-    for (name, start), what, deviation in zip(TORQUE_SHARES.items(), ("driving", "braking"), (0.5, 0.1), strict=True)
-)
+# Share of the front wheels in the torque that drives and in the torque that brakes, where no torques are measured.
+TORQUE_SHARES = ("torque.driving_front", "torque.braking_front")
+
+
+def torque_shares(vehicle: Vehicle) -> dict[str, float]:
+    """`TORQUE_SHARES` as the vehicle file says; half of the driving where it does not say which axle is driven."""
+    driving = vehicle.drivetrain.driving_shares
+    front = 0.5 if driving is None else sum(driving[:2])
+    return dict(zip(TORQUE_SHARES, (front, vehicle.drivetrain.front_brake_share), strict=True))
+
+
+def unknown_torques(vehicle: Vehicle) -> tuple[FreeParameter, ...]:
+    """Offsets of these shares. Wheel speeds may say that another axle is driven than the vehicle file states."""
+    deviations = (0.1 if vehicle.drivetrain.driven else 0.5, 0.1)
+    return tuple(
+        FreeParameter(f"share of the front wheels in {what}", "-", deviation, -start, 1 - start, added(name))
+        for (name, start), what, deviation in zip(
+            torque_shares(vehicle).items(), ("driving", "braking"), deviations, strict=True
+        )
+    )
 
 
 def base_parameters(
@@ -74,7 +87,7 @@ def base_parameters(
         for field, deviation in kind.prior(vehicle).items()
         if deviation > 0
     ]
-    shared = UNKNOWN_TORQUES if "wheel_speeds" in kinds and "wheel_torques" not in kinds else ()
+    shared = unknown_torques(vehicle) if "wheel_speeds" in kinds and "wheel_torques" not in kinds else ()
     stated = vehicle.deviations()
     return (*(_as_stated(parameter, values, stated) for parameter in BASE), *shared, *common)
 

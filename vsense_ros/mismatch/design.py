@@ -32,7 +32,7 @@ from vsense_ros.identification.parameter_set import ParameterSet
 from vsense_ros.manoeuvre import TESTS, Manoeuvre, drive
 from vsense_ros.manoeuvre.sensing import record
 from vsense_ros.mismatch.answer_schema import Answer, BaseParameter, EffectEntry, NextTest, read_answer
-from vsense_ros.mismatch.candidates import UNKNOWN_TORQUES, base_parameters, candidates, out_of_reach
+from vsense_ros.mismatch.candidates import base_parameters, candidates, out_of_reach, unknown_torques
 from vsense_ros.mismatch.confidence import NORMAL_90
 from vsense_ros.mismatch.effect_parameters import parameters_of
 from vsense_ros.mismatch.page import PAGE, write_next_test
@@ -187,7 +187,7 @@ def _as_recorded(vehicle: Vehicle, base: Mapping[str, float]) -> tuple[Vehicle, 
     by_torque = tuple(f"effects.{id}." for id, effect in BY_ID.items() if "wheel_torques" in effect.needs)
     if base and not any(name.startswith(by_torque) for name in base):
         kinds -= {"wheel_torques"}
-        if not {parameter.name for parameter in UNKNOWN_TORQUES} & base.keys():
+        if not {parameter.name for parameter in unknown_torques(vehicle)} & base.keys():
             kinds -= {"wheel_speeds"}
     sensors = {name: sensor for name, sensor in vehicle.sensors.items() if sensor.kind in kinds}
     free_parameters = base_parameters(vehicle, out_of_reach(kinds), kinds)

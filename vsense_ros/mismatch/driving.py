@@ -130,7 +130,7 @@ class Drives:
                 )
             least = max(PREDICTION.driving_torque, PREDICTION.not_driven_share * float(most.max()))
             return frozenset(axle for axle, torque in zip(AXLES, most, strict=True) if torque > least)
-        front = parameter_set.values[next(iter(TORQUE_SHARES))]
+        front = parameter_set.values[TORQUE_SHARES[0]]
         return frozenset(
             axle for axle, share in zip(AXLES, (front, 1 - front), strict=True) if share > PREDICTION.not_driven_share
         )

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vsense_ros.identification.parameter_set import ParameterSet
-from vsense_ros.mismatch.candidates import TORQUE_SHARES
+from vsense_ros.mismatch.candidates import torque_shares
 from vsense_ros.mismatch.road import place_of, profile, profile_change
 from vsense_ros.model.effects import EVERY, Effect, Effects
 from vsense_ros.model.effects.base import bounds
@@ -30,7 +30,7 @@ def parameters_of(vehicle: Vehicle) -> ParameterSet:
     """One car on one road: physical parameters by name, effects that the vehicle file does not have with size zero, and
     what is assumed of unknown torques. A search adds by the names of `road.point` what a size is at places along the
     road, beyond what it is everywhere."""
-    return ParameterSet({**with_all_effects(vehicle).values(), **TORQUE_SHARES})
+    return ParameterSet({**with_all_effects(vehicle).values(), **torque_shares(vehicle)})
 
 
 def effect_of(parameter_set: ParameterSet, id: str, varying: Mapping[str, Array] | None = None) -> Effect:

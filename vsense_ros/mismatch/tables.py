@@ -7,7 +7,6 @@ from dataclasses import dataclass, replace
 from math import degrees, inf
 
 from vsense_ros.mismatch.answer_schema import Answer, BaseParameter, EffectEntry, Errors, ObserverComparison
-from vsense_ros.mismatch.candidates import UNKNOWN_TORQUES
 from vsense_ros.mismatch.words import (
     SIGNAL_UNITS,
     SizeInWords,
@@ -27,9 +26,6 @@ from vsense_ros.model.effects import BY_ID
 
 MOST_PARAMETERS = 6  # of an effect that are listed; a profile of a road has dozens
 TOGETHER = {2: "both", 3: "all three", 4: "all four", 5: "all five", 6: "all six"}
-# Of base parameters that no vehicle file has: the offset at which they are zero. They are given as they are, not as a
-# change.
-ZERO_AT = {parameter.name: parameter.low for parameter in UNKNOWN_TORQUES}
 
 
 @dataclass(frozen=True)
@@ -216,16 +212,12 @@ def base_rows(answer: Answer) -> list[tuple[str, str, str]]:
 
 def base_name(name: str) -> str:
     """A base parameter as people read it."""
-    if name in ZERO_AT:
-        return f"{name} (itself, as no vehicle file has it)"
     return ", ".join(map(label, name.split(".")[1:])) if name.startswith("effects.") else name
 
 
 def _base_offset(name: str, parameter: BaseParameter, offset: float | None) -> str:
     if offset is None:
         return "–"
-    if name in ZERO_AT:
-        return percent(offset - ZERO_AT[name])
     if parameter.unit == "-" and not is_share(name, parameter.unit):
         return shown_number(offset, signed=True)
     return shown_value(offset, parameter.unit, change=True)

@@ -19,7 +19,8 @@ UNITS: Mapping[str, tuple[str, float]] = {
     "-": ("", 1.0),
 }
 SIGNAL_UNITS = {**UNITS, "m": ("mm", 1e3)}  # the same for signals, where lengths are travels of a suspension
-NO_SHARES = ("coefficient",)  # sizes without a unit that are not given in percent
+# Endings of names without a unit that are not given in percent; the changes of shares would pass for relative ones.
+NO_SHARES = ("coefficient", "in driving", "in braking")
 CAPITALS = (*WHEELS, "imu", "gnss")  # words of names that are written in capitals
 
 
