@@ -46,7 +46,10 @@ def explain(
     car = load_vehicle(vehicle)
     train, proof = read_all(recordings, hold_out)
     if by_lap:
-        train, proof = ([lap for recording in every for lap in laps(recording)] for every in (train, proof))
+        train, proof = (
+            [lap for recording in recordings_of_kind for lap in laps(recording)]
+            for recordings_of_kind in (train, proof)
+        )
     done = progress or (lambda share: None)
     steps = iter(range(STAGES))
     return explain_recordings(

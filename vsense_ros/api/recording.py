@@ -63,9 +63,9 @@ def read_each(sources: Sequence[Source]) -> Iterator[Recording]:
 
 def read_all(*lists: Sources) -> list[list[Recording]]:
     """Read several lists of recordings, or single ones, whose names are distinct among all of them; see `read_each`."""
-    several = [[source] if isinstance(source, str | Path | Stretch | Recording) else source for source in lists]
-    recordings = read_each([source for every in several for source in every])
-    return [[next(recordings) for _ in every] for every in several]
+    source_lists = [[source] if isinstance(source, str | Path | Stretch | Recording) else source for source in lists]
+    recordings = read_each([source for sources in source_lists for source in sources])
+    return [[next(recordings) for _ in sources] for sources in source_lists]
 
 
 def _stretch(source: Source) -> Stretch | Recording:

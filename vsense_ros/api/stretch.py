@@ -52,5 +52,7 @@ class Stretch:
 def distinct_names(stretches: Sequence[Stretch]) -> dict[Path, str]:
     """Names that begin with the folder, for recordings whose names are the same without it."""
     files = [stretch.path for stretch in stretches]
-    alike = Counter(path.stem for path in {path.resolve() for path in files})
-    return {path: f"{path.resolve().parent.name}/{path.name}" for path in files if alike[path.resolve().stem] > 1}
+    files_by_name = Counter(path.stem for path in {path.resolve() for path in files})
+    return {
+        path: f"{path.resolve().parent.name}/{path.name}" for path in files if files_by_name[path.resolve().stem] > 1
+    }

@@ -104,8 +104,8 @@ def export_c(
         from vsense_ros.export.single import compare_single
 
         with waiting("comparing with double precision"):
-            apart = compare_single(car, recording)
-        for name, unit, largest, size in apart:
+            differences = compare_single(car, recording)
+        for name, unit, largest, size in differences:
             say(f"{name}: at most {largest:.2g} {unit} from double precision, of up to {size:.2g}.")
         return
     with TemporaryDirectory() as place:

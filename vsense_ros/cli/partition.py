@@ -32,17 +32,17 @@ def partition(vehicle: str, device: str, full: bool, iterations: float | None) -
     from vsense_ros.evaluate.terminal import console, plain_table, say
 
     car, board = load_car(vehicle), job.load_device(device)
-    more = 1.0
+    iteration_ratio = 1.0
     if iterations is None:
         from vsense_ros.assess.iterations import count_iterations
 
-        iterations, more = count_iterations(car, full)
-        changed = f"single precision makes them {more:.3f} times as many"
-        words = "single precision leaves them" if abs(more - 1) < 5e-4 else changed
-        say(f"A step takes {iterations:.2f} iterations; {words}.")
-    profile = job.profile(car, full, iterations, more)
+        iterations, iteration_ratio = count_iterations(car, full)
+        changed = f"single precision makes them {iteration_ratio:.3f} times as many"
+        effect = "single precision leaves them" if abs(iteration_ratio - 1) < 5e-4 else changed
+        say(f"A step takes {iterations:.2f} iterations; {effect}.")
+    profile = job.profile(car, full, iterations, iteration_ratio)
     step_us = board.processor_us(profile.flop)
-    result = job.partition(board, step_us, profile.uses(), more)
+    result = job.partition(board, step_us, profile.uses(), iteration_ratio)
     say(f"A step takes about {step_us:.0f} µs on the processor of {board.name}, by counted operations.")
     table = plain_table("kernel", "calls", "processor saves", "accelerator", "variant", "gain a step", right=("calls",))
     for name, choice in result.best.items():

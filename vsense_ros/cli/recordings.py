@@ -109,8 +109,8 @@ def import_(
 def _own_files(
     importer: Importer, with_dbc: dict[str, Any], unused_mappings: list[Path], alone: bool
 ) -> dict[str, Any]:
-    """Databases and mappings for one source, which are taken out of the mappings that are `given`; one that is `alone`
-    gets them in any case, so that its importer says what it cannot use."""
+    """Databases and mappings for one source, which are taken out of the `unused_mappings`; one that is `alone` gets
+    them in any case, so that its importer says what it cannot use."""
     source_options = with_dbc if "dbc" in importer.options or alone else {}
     if not unused_mappings or not ("mapping" in importer.options or alone):
         return dict(source_options)

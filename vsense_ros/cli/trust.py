@@ -142,7 +142,7 @@ def faults(out: Path, only: str, rows: int | None, chosen: str) -> None:
     console().print(job.table(outcomes))
     for name, why in left_out.items():
         say(f"Without {name}: {why}")
-    say(f"{sum(one.holds for one in outcomes)} of {len(outcomes)} hold. Written to {out}.")
+    say(f"{sum(outcome.holds for outcome in outcomes)} of {len(outcomes)} hold. Written to {out}.")
 
 
 def _examine_rows(count: int, only: str, chosen: str, out: Path) -> None:
@@ -172,7 +172,7 @@ def _examine_rows(count: int, only: str, chosen: str, out: Path) -> None:
     console().print(job.table(outcomes))
     for name, why in left_out.items():
         say(f"Without {name}: {why}")
-    say(f"{sum(one.holds for one in outcomes)} of {len(outcomes)} hold. Written to {out}.")
+    say(f"{sum(outcome.holds for outcome in outcomes)} of {len(outcomes)} hold. Written to {out}.")
 
 
 COMMANDS = (faults, tune, monitor)

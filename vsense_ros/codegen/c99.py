@@ -97,7 +97,7 @@ def _form(operation: int, logical: bool) -> str:
 def _written(
     function: ca.Function, results: Sequence[str], name: str, body: Sequence[str], known_arguments: Container[int] = ()
 ) -> str:
-    """The text of a function with these statements, and without arguments that are `known`."""
+    """The text of a function with these statements, and without `known_arguments`."""
     arguments = {i: function.name_in(i) for i in range(function.n_in()) if i not in known_arguments}
     parameters = [f"const double *{argument}" for argument in arguments.values()]
     parameters += [f"double *{result}" for result in results]

@@ -56,8 +56,8 @@ class CornerLoops:
         free: list[int] = []
         rows = 0
         for self.now in sorted(stages):
-            alone, looped = stages[self.now]
-            for step in alone:
+            scalars, looped = stages[self.now]
+            for step in scalars:
                 body += self._alone(step)
             for step in looped:
                 if step in self.last:
@@ -70,8 +70,8 @@ class CornerLoops:
                 body += [f"for (int c = 0; c < {CORNERS}; c++) {{", *lines, "}"]
                 for step in looped:
                     body += self._stores_apart(step)
-            over = [step for step in self.slots if self.last[step] == self.now]
-            free += [self.slots.pop(step) for step in over]
+            finished = [step for step in self.slots if self.last[step] == self.now]
+            free += [self.slots.pop(step) for step in finished]
         return [*self.tables, *([f"double v[{rows}][{CORNERS}];"] if rows else []), *body]
 
     def _is_looped(self, step: Step) -> bool:

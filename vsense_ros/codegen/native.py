@@ -124,7 +124,7 @@ class _Text:
         last = {need: place for place, part in enumerate(parts) for step in part for need in self.packing.needs(step)}
         places: dict[Step, str] = {}
         free: dict[str, list[str]] = {"w": [], "v": []}
-        most = {"w": 0, "v": 0}
+        counts = {"w": 0, "v": 0}
         bodies = []
         for place, part in enumerate(parts):
             lines = list(self._reads(part, places))
@@ -135,8 +135,8 @@ class _Text:
                 if last.get(step, place) > place:
                     array = "w" if step.vector is None else "v"
                     if not free[array]:
-                        free[array].append(f"{array}[{most[array]}]")
-                        most[array] += 1
+                        free[array].append(f"{array}[{counts[array]}]")
+                        counts[array] += 1
                     places[step] = free[array].pop()
                     lines.append(f"{places[step]} = {self.variable(step)};")
             for step in [step for step in places if last[step] == place]:
@@ -146,7 +146,7 @@ class _Text:
                 "(const double *const *in, double *const *out, double *w, lanes *v) {\n"
                 + "\n".join((*lines, "(void)in, (void)out, (void)w, (void)v;\n}\n"))
             )
-        return bodies, most["w"], most["v"]
+        return bodies, counts["w"], counts["v"]
 
     def _reads(self, part: Sequence[Step], places: Mapping[Step, str]) -> Iterator[str]:
         """Declarations of the values that a part needs and does not compute."""

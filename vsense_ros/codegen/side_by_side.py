@@ -135,8 +135,8 @@ def _seeds(values: Values, shapes: list[int], corners: list[int]) -> list[Four]:
     for i, shape in enumerate(shapes):
         if values.computed(i) and corners[i] in corner_of_bit:
             groups[shape][corner_of_bit[corners[i]]].append(i)
-    alone = (group for group in groups.values() if all(len(candidates) == 1 for candidates in group))
-    return sorted((tuple(candidates[0] for candidates in group) for group in alone), key=max, reverse=True)
+    complete = (group for group in groups.values() if all(len(candidates) == 1 for candidates in group))
+    return sorted((tuple(candidates[0] for candidates in group) for group in complete), key=max, reverse=True)
 
 
 def _pack(packing: Packing, seed: Four, shapes: list[int]) -> None:

@@ -52,21 +52,21 @@ def _function(function: ca.Function) -> str:
         last_needed |= dict.fromkeys((k for i in part for k in values[i].operands), place)
     places: dict[int, int] = {}  # in `work`, of values that outlive their part
     free: list[int] = []
-    bodies, most = [], 0
+    bodies, work_size = [], 0
     for place, part in enumerate(parts):
         lasting = {i for i in part if last_needed.get(i, 0) > place and not values[i].again}
         for i in lasting:
-            places[i] = free.pop() if free else most
-            most = max(most, places[i] + 1)
+            places[i] = free.pop() if free else work_size
+            work_size = max(work_size, places[i] + 1)
         bodies.append(
             f"static __attribute__((noinline)) void {name}_{place}"
             f"(const lanes *const *in, lanes *const *out, lanes *work) {{\n{_body(values, part, lasting, places)}}}\n"
         )
-        over = [i for i in places if last_needed[i] == place]
-        free += [places.pop(i) for i in over]
+        finished = [i for i in places if last_needed[i] == place]
+        free += [places.pop(i) for i in finished]
     calls = "".join(f"    {name}_{place}(in, out, work);\n" for place in range(len(parts)))
     return (
-        f"enum {{ {name.upper()}_WORK = {most} }};\n{''.join(bodies)}"
+        f"enum {{ {name.upper()}_WORK = {work_size} }};\n{''.join(bodies)}"
         f"static void {name}(const lanes *const *in, lanes *const *out, lanes *work) {{\n{calls}}}\n"
     )
 
@@ -86,8 +86,8 @@ def _body(values: Sequence[_Value], part: range, lasting: set[int], places: Mapp
             continue  # until it is needed
         for operand in value.operands:
             if operand not in defined:
-                again = values[operand].again
-                define(operand, values[operand].text if again else f"work[{places[operand]}]")
+                recomputed = values[operand].again
+                define(operand, values[operand].text if recomputed else f"work[{places[operand]}]")
         text = value.text.format(*(f"a{operand}" for operand in value.operands))
         if value.out:
             lines.append(f"{value.out} = {text};")

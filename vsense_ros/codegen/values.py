@@ -41,8 +41,9 @@ class Values:
 
 
 def values_of(function: ca.Function, known_values: Mapping[int, Sequence[float]] | None = None) -> Values:
-    """The values of a function on scalars; arguments `known` by index become constants, without any simplification.
-    What divides several values is inverted once, and multiplies: a division takes as long as ten multiplications.
+    """The values of a function on scalars; arguments with `known_values`, by index, become constants, with no
+    simplification. What divides several values is inverted once, and multiplies: a division takes as long as ten
+    multiplications.
 
     Raises `ValueError` for a function that is not straight code on scalars.
     """

@@ -46,7 +46,7 @@ class Consistency:
 def consistency(parts: Sequence[Innovations], credible: Sequence[NDArray[np.bool_]]) -> Consistency:
     """Consistency of some sensors on some recordings together; `credible` are their messages of which the
     likelihood is made."""
-    density = np.concatenate([part.log_density()[of] for part, of in zip(parts, credible, strict=True)])
+    density = np.concatenate([part.log_density()[mask] for part, mask in zip(parts, credible, strict=True)])
     accepted = [part.whitened[part.used] for part in parts]
     count = max(sum(int(np.isfinite(values).sum()) for values in accepted), 1)
     low, high = chi2.ppf([0.5 - SHARE / 2, 0.5 + SHARE / 2], count) / count

@@ -173,8 +173,8 @@ def lag(estimate: Series, truth: Series) -> float | None:
     in_all = variance[np.isfinite(variance)]
     if best in (0, 2 * reach) or in_all.max() - variance[best] <= NO_DIFFERENCE * (power_y + power_x)[reach]:
         return None
-    alike = float(np.sum([curve.covariance[best] for curve in curves]))
-    if not alike >= WEAKEST_CORRELATION * float(np.sqrt(power_y[best] * power_x[best])):
+    covariance = float(np.sum([curve.covariance[best] for curve in curves]))
+    if not covariance >= WEAKEST_CORRELATION * float(np.sqrt(power_y[best] * power_x[best])):
         return None
     return float((refined(variance, best) - reach) * step)
 

@@ -40,7 +40,7 @@ class TyreRig:
     conicity: float = 0.0
     pressure: float = NOMINAL_PRESSURE
 
-    def pull(self, angle: float, way: Array) -> Array:
+    def pull(self, angle: float, distance: Array) -> Array:
         """Lateral force (n,) [N] after ways (n,) [m] at a slip angle [rad] that begins with the first of them.
 
         The force follows its steady value over the relaxation length, which is a cornering stiffness over a lateral
@@ -50,7 +50,7 @@ class TyreRig:
         wheel = TyreInput(self.load, _SPEED, _SPEED * np.tan(angle) * stiffness, _SPEED)
         forces, length = self.tyre.forces(wheel).lateral, self.tyre.relaxation_lengths(wheel).lateral
         steady, rolled = (float(ca.DM(value)) for value in (forces, length))
-        built_up = 1 - np.exp(-way / (rolled * stiffness)) if rolled > 0 else np.ones(len(way))
+        built_up = 1 - np.exp(-distance / (rolled * stiffness)) if rolled > 0 else np.ones(len(distance))
         return steady * built_up + self.conicity * self.load
 
     def settled(self, angles: Array) -> Array:
@@ -72,10 +72,10 @@ def draw_rig(tyre: Tyre, title: str, path: Path) -> Path:
             f"{drawn(title)} on a rig, {LOAD / 1000:g} kN", x=0.01, ha="left", fontsize=12, fontweight="bold"
         )
         left, right = figure.subplots(1, 2)
-        way = np.linspace(0.0, TRAVEL, 400)
+        distance = np.linspace(0.0, TRAVEL, 400)
         rig = TyreRig(tyre, conicity=CONICITY)
         for angle, colour in zip(ANGLES, _SHADES, strict=True):
-            left.plot(way, rig.pull(np.radians(angle), way), color=colour, label=f"{angle:g}°")
+            left.plot(distance, rig.pull(np.radians(angle), distance), color=colour, label=f"{angle:g}°")
         left.set_title(f"Lateral force over displacement, conicity {CONICITY:g}")
         left.set_xlabel("displacement of the plank [m]")
         left.set_ylabel("[N]")

@@ -81,12 +81,12 @@ def page() -> str:
 
 def _rows(model: type[BaseModel], prefix: str) -> Iterator[ParameterRow]:
     for shape, fields in groupby(model.model_fields.items(), key=lambda item: _shape(*item)):
-        alike = [name for name, _ in fields]
-        field = model.model_fields[alike[0]]
+        names = [name for name, _ in fields]
+        field = model.model_fields[names[0]]
         if shape.startswith("="):
-            yield _row(prefix + alike[0], field)
+            yield _row(prefix + names[0], field)
             continue
-        key, annotation = prefix + (alike[0] if len(alike) == 1 else "{" + ", ".join(alike) + "}"), field.annotation
+        key, annotation = prefix + (names[0] if len(names) == 1 else "{" + ", ".join(names) + "}"), field.annotation
         if get_origin(annotation) is dict:
             key, annotation = f"{key}.<name>", get_args(annotation)[1]
         models = list(models_of(annotation))

@@ -85,8 +85,8 @@ def identify(
     values = vehicle.values()
     for name in free_names:
         if name not in values:
-            near = ", ".join(get_close_matches(name, values, 3, 0.0))
-            raise InputError(f"--free: the car has no parameter {name!r}; nearest are {near}")
+            nearest_names = ", ".join(get_close_matches(name, values, 3, 0.0))
+            raise InputError(f"--free: the car has no parameter {name!r}; nearest are {nearest_names}")
         if not values[name]:
             raise InputError(f"--free: {name} is zero in the vehicle file; give it a value to start from")
     file_deviations = vehicle.deviations()

@@ -157,7 +157,7 @@ def _reference(
         or "yaw_rate" not in channels
     ):
         return
-    longitudinal, lateral = (signals[f"{way}_velocity"] for way in ("longitudinal", "lateral"))
+    longitudinal, lateral = (signals[f"{direction}_velocity"] for direction in ("longitudinal", "lateral"))
     if not np.array_equal(longitudinal.stamp, lateral.stamp):
         return
     mounting = vehicle.reference

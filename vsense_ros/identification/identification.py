@@ -163,10 +163,10 @@ def _by_likelihood(
     weighs some of the drives with noise of their own: what distinguishes two cars would else pass for noise of both."""
     likelihood = Likelihood(identifier)
     weighed, rinsed = likelihood.weigh(drives, identifier.begin(), identifier.begin(), prior, progress=progress)
-    together = likelihood.factors
+    joint_factors = likelihood.factors
 
     def weigh_some(selected: Sequence[Drive]) -> Information:
-        likelihood.factors = together
+        likelihood.factors = joint_factors
         return likelihood.weigh(selected, weighed.values, identifier.begin(), prior)[0]
 
     return weighed, rinsed, weigh_some
@@ -281,8 +281,10 @@ def check_free(names: Sequence[str], parameters: Sequence[str], model: str) -> N
     """Raises `InputError` for a name that is no parameter of the model."""
     for name in names:
         if name not in parameters:
-            near = get_close_matches(name, parameters, 3, 0.5) or parameters
-            raise InputError(f"--free: the model {model} has no parameter {name!r}; nearest are {', '.join(near)}")
+            nearest_names = get_close_matches(name, parameters, 3, 0.5) or parameters
+            raise InputError(
+                f"--free: the model {model} has no parameter {name!r}; nearest are {', '.join(nearest_names)}"
+            )
 
 
 def check_signs(signals: Signals) -> None:
@@ -393,9 +395,9 @@ def fits(
     for drive in drives:
         pair = []
         for values in (identification.start | errors, identification.values):
-            alone = OpenLoop(model, values, (STEERING[0],))
+            open_loop = OpenLoop(model, values, (STEERING[0],))
             try:
-                outputs = alone.outputs(drive, np.array([values[STEERING[0]]]))
+                outputs = open_loop.outputs(drive, np.array([values[STEERING[0]]]))
                 rms = (outputs - drive.outputs).std(axis=0)
                 pair.append(1 - rms / np.maximum(drive.outputs.std(axis=0), 1e-9))
             except FloatingPointError:

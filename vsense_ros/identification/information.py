@@ -110,11 +110,11 @@ class Information:
         """The combination that is hardest to tell apart, whatever each parameter is known to, in units of what is known
         of each alone; those that are judged by their curve are left out, and count as unknown."""
         inverse = np.linalg.inv(self.scaled + 1e-9 * np.trace(self.scaled) / len(self.names) * np.eye(len(self.names)))
-        stay = [i for i, name in enumerate(self.names) if name not in judged_by_curve]
-        within = np.linalg.inv(inverse[np.ix_(stay, stay)])
-        by = 1 / np.sqrt(within.diagonal())
-        values, vectors = np.linalg.eigh(by[:, None] * within * by)
-        return Direction(vectors[:, 0], float(values[0]), tuple(self.names[i] for i in stay))
+        compared = [i for i, name in enumerate(self.names) if name not in judged_by_curve]
+        scaled_covariance = np.linalg.inv(inverse[np.ix_(compared, compared)])
+        precisions = 1 / np.sqrt(scaled_covariance.diagonal())
+        values, vectors = np.linalg.eigh(precisions[:, None] * scaled_covariance * precisions)
+        return Direction(vectors[:, 0], float(values[0]), tuple(self.names[i] for i in compared))
 
     def without(self, name: str) -> Information:
         """The information if one parameter were known, at its present value."""
@@ -173,8 +173,8 @@ def _with_score(
     deviations."""
     deviations = INFORMATION.prior_share * prior
     belief, filter_pass = identifier.follow(drives, values, np.diag(deviations**2))
-    within = belief.covariance / np.outer(deviations, deviations)
-    precision = np.linalg.inv(within)
+    scaled_covariance = belief.covariance / np.outer(deviations, deviations)
+    precision = np.linalg.inv(scaled_covariance)
     scaled = precision - np.eye(len(prior))
     scaled = 0.5 * (scaled + scaled.T) / INFORMATION.prior_share**2
     score = precision @ ((belief.mean - values) / deviations) / INFORMATION.prior_share
@@ -182,8 +182,8 @@ def _with_score(
         np.linalg.solve(belief_of_piece.covariance / np.outer(prior, prior), (belief_of_piece.mean - values) / prior)
         for belief_of_piece in filter_pass.beliefs
     ]
-    apart = disagreement(np.diff(vectors, axis=0), scaled)
-    return Information(identifier.free, values, prior, scaled / apart, apart), score / apart
+    overconfidence = disagreement(np.diff(vectors, axis=0), scaled)
+    return Information(identifier.free, values, prior, scaled / overconfidence, overconfidence), score / overconfidence
 
 
 def disagreement(added: Array, scaled: Array) -> float:
@@ -206,18 +206,18 @@ def disagreement(added: Array, scaled: Array) -> float:
 @dataclass(frozen=True)
 class Refusal:
     """A parameter that the drives do not determine: the `remaining_share` of its prior deviation, and its
-    `amplification`; `beside` names what it cannot be told apart from."""
+    `amplification`; `inseparable_from` names the parameters that it cannot be separated from."""
 
     name: str
     remaining_share: float
     amplification: float
-    beside: tuple[str, ...] = ()
+    inseparable_from: tuple[str, ...] = ()
 
     def __str__(self) -> str:
         """Why, in a sentence without its full stop."""
-        if self.beside:
+        if self.inseparable_from:
             return (
-                f"{self.name} cannot be separated from {' and '.join(self.beside)}: together they are "
+                f"{self.name} cannot be separated from {' and '.join(self.inseparable_from)}: together they are "
                 f"{self.amplification:.0f} times as uncertain as alone"
             )
         return (
@@ -242,6 +242,7 @@ def refusals(weighed: Information, judged_by_curve: Collection[str] = ()) -> lis
             refused.append(Refusal(name, float(remaining), float(amplification)))
         elif amplification > INFORMATION.inseparable_ratio and not of_curve:
             closest = [int(j) for j in np.argsort(-np.abs(weighed.correlation[i])) if j != i]
-            near = [j for j in closest if abs(weighed.correlation[i, j]) > INFORMATION.correlated][:2] or closest[:1]
-            refused.append(Refusal(name, float(remaining), float(amplification), tuple(weighed.names[j] for j in near)))
+            correlated = [j for j in closest if abs(weighed.correlation[i, j]) > INFORMATION.correlated]
+            inseparable_from = tuple(weighed.names[j] for j in correlated[:2] or closest[:1])
+            refused.append(Refusal(name, float(remaining), float(amplification), inseparable_from))
     return refused

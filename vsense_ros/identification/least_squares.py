@@ -143,8 +143,8 @@ class Fit:
             free_parameters=(*(self.free_parameters[i] for i in remaining), *free_parameters),
             offsets=np.append(self.offsets[remaining], new),
             slopes=[
-                np.column_stack([present_slopes[:, remaining], more])
-                for present_slopes, more in zip(self.slopes, slopes, strict=True)
+                np.column_stack([present_slopes[:, remaining], further_slopes])
+                for present_slopes, further_slopes in zip(self.slopes, slopes, strict=True)
             ],
         )
 
@@ -178,11 +178,11 @@ def _slope(
 ) -> list[Array]:
     """`slope` by the first of the attempts in which the simulation diverges no more than in the fit."""
     best, fewest = [np.zeros(len(r)) for r in fit.residuals], len(fit.residuals) + 1
-    for by, parameter_set in attempts:
+    for change, parameter_set in attempts:
         changed = residuals(parameter_set, fit.residuals)
         diverged = sum(residuals.diverged(parameter_set))
         if diverged < fewest:
-            best = [(c - r) * (parameter.deviation / by) for c, r in zip(changed, fit.residuals, strict=True)]
+            best = [(c - r) * (parameter.deviation / change) for c, r in zip(changed, fit.residuals, strict=True)]
             fewest = diverged
         if not diverged or diverged <= sum(residuals.diverged(fit.parameter_set)):
             break
@@ -199,12 +199,12 @@ def slopes_by(
     """`slope` by each of the free parameters, several of which are simulated side by side."""
     at_once = residuals.at_once
     for begin in range(0, len(free_parameters), at_once):
-        together = free_parameters[begin : begin + at_once]
-        attempts = [_attempts(start, fit, parameter, step) for parameter in together]
+        group = free_parameters[begin : begin + at_once]
+        attempts = [_attempts(start, fit, parameter, step) for parameter in group]
         first = [list(islice(attempt, 1)) for attempt in attempts]
         residuals.prepare([parameter_set for attempt in first for _, parameter_set in attempt], fit.parameter_set)
-        for parameter, known, further in zip(together, first, attempts, strict=True):
-            yield _slope(residuals, fit, parameter, chain(known, further))
+        for parameter, first_choice, further in zip(group, first, attempts, strict=True):
+            yield _slope(residuals, fit, parameter, chain(first_choice, further))
 
 
 def _attempts(
@@ -216,10 +216,13 @@ def _attempts(
     present = offsets.get(parameter.name, 0.0)
     free_parameters = (*(other for other in fit.free_parameters if other.name != parameter.name), parameter)
     for share in SEARCH.secant_factors:
-        by = share * step * parameter.likely
-        if parameter.low <= present + by <= parameter.high:
-            offsets[parameter.name] = present + by
-            yield by, with_offsets(start, free_parameters, np.array([offsets[free.name] for free in free_parameters]))
+        change = share * step * parameter.likely
+        if parameter.low <= present + change <= parameter.high:
+            offsets[parameter.name] = present + change
+            yield (
+                change,
+                with_offsets(start, free_parameters, np.array([offsets[free.name] for free in free_parameters])),
+            )
 
 
 def slopes_at(

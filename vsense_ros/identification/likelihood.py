@@ -164,10 +164,13 @@ class Likelihood:
         pieces, scaled = self.scores(drives, values, prior, noise)
         p = len(values)
         if noise:
-            by = np.linalg.solve(scaled[p:, p:] + np.eye(len(self.factors)), scaled[p:, :p])
-            pieces, scaled = pieces[:, :p] - pieces[:, p:] @ by, scaled[:p, :p] - scaled[:p, p:] @ by
-        apart = disagreement(pieces, scaled)
-        return Information(self.identifier.free, values, prior, scaled / apart, apart, pieces)
+            factors_by_values = np.linalg.solve(scaled[p:, p:] + np.eye(len(self.factors)), scaled[p:, :p])
+            pieces, scaled = (
+                pieces[:, :p] - pieces[:, p:] @ factors_by_values,
+                scaled[:p, :p] - scaled[:p, p:] @ factors_by_values,
+            )
+        overconfidence = disagreement(pieces, scaled)
+        return Information(self.identifier.free, values, prior, scaled / overconfidence, overconfidence, pieces)
 
     def weigh(
         self,
@@ -191,9 +194,9 @@ class Likelihood:
         for index in range(LIKELIHOOD.most_iterations):
             begun = time.process_time()
             pieces, scaled = self.scores(drives, values, prior, noise)
-            off = (values - start) / prior
-            off = np.concatenate([off, self.factors]) if noise else off
-            step = np.linalg.solve(scaled + np.eye(len(off)), pieces.sum(axis=0) - off)
+            distance = (values - start) / prior
+            distance = np.concatenate([distance, self.factors]) if noise else distance
+            step = np.linalg.solve(scaled + np.eye(len(distance)), pieces.sum(axis=0) - distance)
             step *= min(1.0, LIKELIHOOD.longest_step / max(float(np.abs(step).max()), 1e-12))
             present = self._posterior(drives, values, self.factors, start, prior)
             for halving in range(LIKELIHOOD.most_halvings):
@@ -222,5 +225,5 @@ class Likelihood:
         return Pass(values, moved, rms, np.mean(value**2, axis=0), seconds, values[None], np.zeros(1))
 
     def _posterior(self, drives: Sequence[Drive], values: Array, factors: Array, start: Array, prior: Array) -> float:
-        off = (values - start) / prior
-        return self.value(drives, values, factors) - 0.5 * float(off @ off + factors @ factors)
+        distance = (values - start) / prior
+        return self.value(drives, values, factors) - 0.5 * float(distance @ distance + factors @ factors)

@@ -25,7 +25,7 @@ def show_limits(calibration: Calibration, console: Console) -> None:
 
 
 def _cautions(calibration: Calibration) -> list[str]:
-    cautions = [f"The same drive, which counts once: {', '.join(alike)}." for alike in calibration.repeated]
+    cautions = [f"The same drive, which counts once: {', '.join(copies)}." for copies in calibration.repeated]
     for reason in dict.fromkeys(calibration.without.values()):
         quantities = ", ".join(name for name, why in calibration.without.items() if why == reason)
         cautions.append(f"No limits for {quantities}: {reason}.")

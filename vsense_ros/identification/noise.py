@@ -179,9 +179,9 @@ def tune(
     fixed = vehicle.model_copy(update={"observer": vehicle.observer.model_copy(update={"parameters": {}})})
     start = with_own_noise(fixed) if own_noise else fixed
     nominal, free_parameters = of_vehicle(start), [_free(name) for name in noise_numbers(vehicle)]
-    every, count = [*recordings, *held_out], len(recordings)
+    all_recordings, count = [*recordings, *held_out], len(recordings)
     jobs = count * (len(free_parameters) + 1)
-    with ProcessPoolExecutor(min(os.cpu_count() or 1, jobs), initializer=_keep, initargs=(every,)) as pool:
+    with ProcessPoolExecutor(min(os.cpu_count() or 1, jobs), initializer=_keep, initargs=(all_recordings,)) as pool:
 
         def cars(points: Sequence[Array], digits: int = EXACT) -> list[Vehicle]:
             return [with_values(start, with_offsets(nominal, free_parameters, point), digits) for point in points]
@@ -191,7 +191,7 @@ def tune(
 
         offsets, deviations = maximise(evaluate, free_parameters, part(progress, 0, 1))
         (tuned,) = cars([offsets], NOISE.digits)
-        judged = [[pool.submit(_judged, i, car) for i in range(len(every))] for car in (fixed, tuned)]
+        judged = [[pool.submit(_judged, i, car) for i in range(len(all_recordings))] for car in (fixed, tuned)]
         first, last = ([job.result() for job in of_car] for of_car in judged)
     before, after = (_figures(judged_runs[:count], first[:count]) for judged_runs in (first, last))
     unseen = [_figures(judged_runs[count:], first[count:]) for judged_runs in (first, last) if held_out]
@@ -267,7 +267,10 @@ def maximise(
             mask & sensor_innovations.there & other.there
             for mask, sensor_innovations, other in zip(credible, innovations_here, new_innovations, strict=True)
         ]
-        before, after = (_minus_twice_log_likelihood(of, compared) for of in (innovations_here, new_innovations))
+        before, after = (
+            _minus_twice_log_likelihood(innovations_at, compared)
+            for innovations_at in (innovations_here, new_innovations)
+        )
         return before - after + float(np.sum((offsets / deviations) ** 2) - np.sum((new_offsets / deviations) ** 2))
 
     for iteration in range(iterations):
@@ -311,24 +314,24 @@ _Mask = NDArray[np.bool_]
 
 def _minus_twice_log_likelihood(all_innovations: Sequence[Innovations], credible: Sequence[_Mask]) -> float:
     """Minus twice the log-likelihood of innovations, which is minimised as squared residuals are in least squares."""
-    return -2.0 * sum(float(i.log_density()[of].sum()) for i, of in zip(all_innovations, credible, strict=True))
+    return -2.0 * sum(float(i.log_density()[mask].sum()) for i, mask in zip(all_innovations, credible, strict=True))
 
 
 def _equations(
     free_parameters: Sequence[FreeParameter],
     offsets: Array,
-    now: Sequence[Innovations],
+    present: Sequence[Innovations],
     nearby: Sequence[Sequence[Innovations]],
     credible: Sequence[_Mask],
 ) -> NormalEquations:
     """The equations of a scoring step: the Fisher information stands where least squares has the products of slopes,
     and the gradient of the log-likelihood, with a minus, where it has those of slopes and residuals."""
     deviations = np.array([free.deviation for free in free_parameters])
-    gradient, information = _score(now, nearby, credible)
+    gradient, information = _score(present, nearby, credible)
     return NormalEquations(
         tuple(free_parameters), offsets / deviations, 1.0, (information * np.outer(deviations, deviations))[None],
-        (-gradient * deviations)[None], np.array([_minus_twice_log_likelihood(now, credible)]),
-        np.array([sum(int(of.sum()) for of in credible)]),
+        (-gradient * deviations)[None], np.array([_minus_twice_log_likelihood(present, credible)]),
+        np.array([sum(int(mask.sum()) for mask in credible)]),
     )  # fmt: skip
 
 
@@ -343,14 +346,14 @@ def _score(
     """
     count = len(nearby)
     slope, information = np.zeros(count), np.zeros((count, count))
-    for i, (at_present, of) in enumerate(zip(present, credible, strict=True)):
-        by_innovation, by_scale = (np.zeros((at_present.whitened[of].size, count)) for _ in range(2))
+    for i, (at_present, mask) in enumerate(zip(present, credible, strict=True)):
+        by_innovation, by_scale = (np.zeros((at_present.whitened[mask].size, count)) for _ in range(2))
         for k, all_there in enumerate(nearby):
-            stretch = all_there[i].deviation[of] / at_present.deviation[of]
-            change = (all_there[i].whitened[of] * stretch - at_present.whitened[of]) / NOISE.difference
+            stretch = all_there[i].deviation[mask] / at_present.deviation[mask]
+            change = (all_there[i].whitened[mask] * stretch - at_present.whitened[mask]) / NOISE.difference
             by_innovation[:, k] = np.nan_to_num(change).clip(-NOISE.steepest, NOISE.steepest).ravel()
             by_scale[:, k] = np.nan_to_num(np.log(stretch) / NOISE.difference).ravel()
-        w = np.nan_to_num(at_present.whitened[of]).ravel()
+        w = np.nan_to_num(at_present.whitened[mask]).ravel()
         slope += (w**2 - 1) @ by_scale - w @ by_innovation
         information += by_innovation.T @ by_innovation + 2 * by_scale.T @ by_scale
     return slope, information
@@ -391,16 +394,16 @@ def _figures(results: Sequence[_Judged], first: Sequence[_Judged]) -> Figures:
     for name in [*names, ALL]:
         chosen = [pair for pair in pairs if name in (pair[0], ALL)]
         sensors[name] = consistency(
-            [sensor_innovations for _, sensor_innovations, _ in chosen], [of for *_, of in chosen]
+            [sensor_innovations for _, sensor_innovations, _ in chosen], [mask for *_, mask in chosen]
         )
     signals = list(dict.fromkeys(name for _, errors in results for name in errors))
     by_signal = {name: [errors[name] for _, errors in results if name in errors] for name in signals}
     means = {
         name: Error(
-            float(np.sqrt(np.mean([e.rmse**2 for e in of]))),
-            float(np.mean([e.nees for e in of])),
-            float(np.mean([e.inside for e in of])),
+            float(np.sqrt(np.mean([e.rmse**2 for e in drive_errors]))),
+            float(np.mean([e.nees for e in drive_errors])),
+            float(np.mean([e.inside for e in drive_errors])),
         )
-        for name, of in by_signal.items()
+        for name, drive_errors in by_signal.items()
     }
     return Figures(sensors, means)

@@ -67,10 +67,10 @@ class NormalEquations:
         determinant = np.outer(size, size) - block**2
         squares = np.outer(size, right**2)
         joint = squares + squares.T - 2 * block * np.outer(right, right)
-        alone = right**2 / size
+        alone_falls = right**2 / size
         with np.errstate(divide="ignore", invalid="ignore"):
-            pairs = np.where(determinant > 1e-9 * np.outer(size, size), joint / determinant, alone[:, None])
-        np.fill_diagonal(pairs, alone)
+            pairs = np.where(determinant > 1e-9 * np.outer(size, size), joint / determinant, alone_falls[:, None])
+        np.fill_diagonal(pairs, alone_falls)
         return np.asarray(pairs)
 
     def spread(self) -> Array:
@@ -101,14 +101,14 @@ class NormalEquations:
         equations = self
         while True:
             change = equations.change()
-            beyond = {
-                p.name for p, at, by in zip(equations.free_parameters, equations.scaled_offsets, change, strict=True)
+            leaving = {
+                p.name for p, at, step in zip(equations.free_parameters, equations.scaled_offsets, change, strict=True)
                 if p.name in names
-                and ((at <= p.low / p.deviation and by < 0) or (at >= p.high / p.deviation and by > 0))
+                and ((at <= p.low / p.deviation and step < 0) or (at >= p.high / p.deviation and step > 0))
             }  # fmt: skip
-            if not beyond:
+            if not leaving:
                 return equations, change
-            equations = equations.only([i for i, p in enumerate(equations.free_parameters) if p.name not in beyond])
+            equations = equations.only([i for i, p in enumerate(equations.free_parameters) if p.name not in leaving])
 
     def independent_share(self, free_parameters: Sequence[FreeParameter]) -> float:
         """Share of what some of the free parameters do to the residuals that is left when all others are fitted to it,

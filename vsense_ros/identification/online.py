@@ -153,8 +153,8 @@ class OnlineIdentification:
         yaw_rate = self._values["rates and forces"][2]
         mean[0], mean[2] = self._speed, yaw_rate if np.isfinite(yaw_rate) else 0.0
         self._filter.inputs[:5], self._filter.inputs[5] = inputs, 0.0
-        now = np.nan_to_num(np.concatenate([inputs, self._values["rates and forces"][[3, 4, 0, 2]]]))
-        self._delays[0], self._delays[1] = now * (1 - self._b[0]), now * (self._b[2] - self._a[2])
+        signals = np.nan_to_num(np.concatenate([inputs, self._values["rates and forces"][[3, 4, 0, 2]]]))
+        self._delays[0], self._delays[1] = signals * (1 - self._b[0]), signals * (self._b[2] - self._a[2])
         self._filter.start(Gaussian(np.concatenate([mean, self._belief.mean]), spread))
         self.stamp = stamp
 
@@ -180,11 +180,11 @@ class OnlineIdentification:
         self.stamp, self._belief = 0, self._good
         self._begin(min(self._stamps.values()), inputs)
 
-    def _low_passed(self, now: Array) -> Array:
+    def _low_passed(self, signals: Array) -> Array:
         """Inputs and outputs (9,) through one filter, which delays all of them alike (direct form II transposed)."""
-        filtered = self._b[0] * now + self._delays[0]
-        self._delays[0] = self._b[1] * now - self._a[1] * filtered + self._delays[1]
-        self._delays[1] = self._b[2] * now - self._a[2] * filtered
+        filtered = self._b[0] * signals + self._delays[0]
+        self._delays[0] = self._b[1] * signals - self._a[1] * filtered + self._delays[1]
+        self._delays[1] = self._b[2] * signals - self._a[2] * filtered
         return filtered
 
     def _rest(self) -> None:
@@ -231,14 +231,14 @@ class OnlineIdentification:
     def _load(self, path: Path) -> None:
         try:
             content = json.loads(path.read_text(encoding="utf-8"))
-            name, of, names = content["vehicle"], content["fingerprint"], tuple(content["names"])
+            name, stored_fingerprint, names = content["vehicle"], content["fingerprint"], tuple(content["names"])
             mean, covariance = np.array(content["mean"], dtype=float), np.array(content["covariance"], dtype=float)
             driven = float(content["driven_s"])
         except (OSError, ValueError, KeyError, TypeError) as error:
             raise InputError(
                 f"{path}: expected parameters that the identifying filter stored, found {error!r}"
             ) from None
-        if of != fingerprint(self.vehicle):
+        if stored_fingerprint != fingerprint(self.vehicle):
             raise InputError(
                 f"{path}: holds parameters of {name}, identified with another vehicle file than that of "
                 f"{self.vehicle.name}; a set belongs to one vehicle: name another file, or remove this one"

@@ -201,10 +201,12 @@ def drives(signals_of_drives: Sequence[Signals], model: str) -> list[Drive]:
             )
         else:
             start[1] = outputs[0, 1]
-        begin, every = float(recorded.t[stretch.start]), independent(RECORDED.step, cut_off)
+        begin, sample_spacing = float(recorded.t[stretch.start]), independent(RECORDED.step, cut_off)
         noise = left_by(cut_off, raw - outputs)
         stretches.append(
-            Drive(recorded.name, RECORDED.step, inputs, outputs, np.nan_to_num(start), begin, every, tuple(noise))
+            Drive(
+                recorded.name, RECORDED.step, inputs, outputs, np.nan_to_num(start), begin, sample_spacing, tuple(noise)
+            )
         )
     return stretches
 
@@ -252,8 +254,8 @@ def _refuse_spin(recorded: Signals, stretch: slice) -> None:
     part = slice(stretch.start, stretch.stop)
     path = low_passed(np.nan_to_num(recorded.forces[part, 1:2]), RECORDED.step, 1.0)[:, 0] / recorded.speed[part]
     yaw = low_passed(np.nan_to_num(recorded.rates[part, 2:3]), RECORDED.step, 1.0)[:, 0]
-    over = np.abs(yaw) - np.abs(path) - 0.15
-    slip = np.degrees(np.convolve(np.clip(over, 0, None), np.ones(100), "same") * RECORDED.step)
+    excess_yaw_rate = np.abs(yaw) - np.abs(path) - 0.15
+    slip = np.degrees(np.convolve(np.clip(excess_yaw_rate, 0, None), np.ones(100), "same") * RECORDED.step)
     if slip.max() > RECORDED.spin_angle:
         at = recorded.t[part][int(np.argmax(slip))]
         raise InputError(

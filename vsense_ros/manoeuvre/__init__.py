@@ -59,9 +59,9 @@ def drive(name: str | Manoeuvre, vehicle: Vehicle, *, step: float = STEP) -> Tra
     q, u = rolling_straight(vehicle, manoeuvre.speed)
     surface = manoeuvre.surface() if manoeuvre.surface is not None else None
     simulated = simulate_full_car if surface is not None and vehicle.linkage is not None else simulate
-    every, duration = round(STEP / step), manoeuvre.duration
+    recorded_step, duration = round(STEP / step), manoeuvre.duration
     return simulated(
-        vehicle, manoeuvre.driver(vehicle), duration, step=step, keep_every=every, q=q, u=u, surface=surface
+        vehicle, manoeuvre.driver(vehicle), duration, step=step, keep_every=recorded_step, q=q, u=u, surface=surface
     )
 
 
@@ -87,9 +87,9 @@ def upright_drive(name: str, vehicle: Vehicle) -> Trajectory:
         trajectory = drive(name, vehicle)
     except FloatingPointError as error:
         raise InputError(f"{error} of {name}; is there a value in the vehicle file that no car has?") from None
-    over = np.flatnonzero(np.abs(trajectory.q[:, ROLL]) > _OVERTURNED)
-    if len(over):
-        at = trajectory.t[over[0]]
+    overturned = np.flatnonzero(np.abs(trajectory.q[:, ROLL]) > _OVERTURNED)
+    if len(overturned):
+        at = trajectory.t[overturned[0]]
         raise InputError(f"{vehicle.name} overturns at {at:.1f} s of {name}: take a slower one, or another car")
     return trajectory
 

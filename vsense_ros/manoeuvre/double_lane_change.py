@@ -53,9 +53,9 @@ class LaneChanges:
 
     def offset(self, x: float, y: float) -> float:
         middle = self.knots[0][2]
-        for (_, begin, near), (end, _, far) in pairwise(self.knots):
+        for (_, begin, offset_before), (end, _, offset_after) in pairwise(self.knots):
             s = min(max((x - begin) / (end - begin), 0.0), 1.0)
-            middle += (far - near) * s**3 * (10 - 15 * s + 6 * s**2)
+            middle += (offset_after - offset_before) * s**3 * (10 - 15 * s + 6 * s**2)
         return middle - y
 
 

@@ -26,19 +26,19 @@ class RoadSurface(Surface):
 
     def __init__(self, track: Track, crown: float = 0.0) -> None:
         level = np.cos((track.grade[1:] + track.grade[:-1]) / 2)
-        way = np.concatenate([[0.0], np.cumsum(np.diff(track.distance) * level)])  # on the map [m]
+        distance = np.concatenate([[0.0], np.cumsum(np.diff(track.distance) * level)])  # on the map [m]
         heading = np.diff(track.heading)
         self._crown = crown
-        self._way, self._x, self._y = way.tolist(), track.x.tolist(), track.y.tolist()
+        self._way, self._x, self._y = distance.tolist(), track.x.tolist(), track.y.tolist()
         self._heading = track.heading.tolist()
-        self._curvature = [*(heading / np.diff(way)).tolist(), 0.0]
-        change = np.gradient(np.array(self._curvature), way)
+        self._curvature = [*(heading / np.diff(distance)).tolist(), 0.0]
+        change = np.gradient(np.array(self._curvature), distance)
         self._curvature_change = change.tolist()
-        rise = CubicSpline(way, np.tan(track.grade))
+        rise = CubicSpline(distance, np.tan(track.grade))
         middle = rise.antiderivative().c.T[:, ::-1]
         tilt = _tilt(track.grade, track.bank)
-        across = CubicSpline(way, tilt).c.T[:, ::-1]
-        end = float(rise.antiderivative()(way[-1])), float(np.tan(track.grade[-1])), 0.0, 0.0, 0.0
+        across = CubicSpline(distance, tilt).c.T[:, ::-1]
+        end = float(rise.antiderivative()(distance[-1])), float(np.tan(track.grade[-1])), 0.0, 0.0, 0.0
         self._middle = [*map(tuple, middle.tolist()), end]
         self._across = [*map(tuple, across.tolist()), (float(tilt[-1]), 0.0, 0.0, 0.0)]
         self._i = 0
@@ -103,8 +103,8 @@ class RoadSurface(Surface):
         u, v = c * dx + s * dy, c * dy - s * dx
         if abs(curvature) < _STRAIGHT:
             return u, v
-        aside, ahead = curvature * u, 1 - curvature * v  # from the arc's centre, in radii
-        return atan2(aside, ahead) / curvature, (1 - hypot(aside, ahead)) / curvature
+        sideways, ahead = curvature * u, 1 - curvature * v  # from the arc's centre, in radii
+        return atan2(sideways, ahead) / curvature, (1 - hypot(sideways, ahead)) / curvature
 
 
 def _tilt(grade: Array, bank: Array) -> Array:

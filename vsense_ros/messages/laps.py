@@ -62,9 +62,9 @@ def laps(recording: Recording) -> list[Recording]:
 def _by_way(seconds: Array, place: Array) -> tuple[Array, Array, Array]:
     """Times and places (n, 2) every `SETTINGS.step` of the way, from its smoothed course."""
     moved = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(place, axis=0).T))])
-    apart = np.concatenate([[True], np.diff(moved) > 1e-6])
+    moving = np.concatenate([[True], np.diff(moved) > 1e-6])
     at = np.arange(0.0, moved[-1], SETTINGS.step)
-    return tuple(np.interp(at, moved[apart], v[apart]) for v in (seconds, place[:, 0], place[:, 1]))  # type: ignore[return-value]
+    return tuple(np.interp(at, moved[moving], v[moving]) for v in (seconds, place[:, 0], place[:, 1]))  # type: ignore[return-value]
 
 
 def _passes(x: Array, y: Array) -> list[int]:
@@ -73,10 +73,10 @@ def _passes(x: Array, y: Array) -> list[int]:
     if len(x) < first + ahead + round(SETTINGS.shortest / SETTINGS.step):
         return []
     course = np.arctan2(np.gradient(y, 5.0), np.gradient(x, 5.0))
-    way = np.array([x[first + ahead] - x[first], y[first + ahead] - y[first]])
-    along = np.cos(course - np.arctan2(way[1], way[0]))
-    off = np.hypot(x - x[first], y - y[first])
-    at_begin = (off < SETTINGS.near) & (along > SAME_WAY)
+    first_direction = np.array([x[first + ahead] - x[first], y[first + ahead] - y[first]])
+    along = np.cos(course - np.arctan2(first_direction[1], first_direction[0]))
+    distance_from_begin = np.hypot(x - x[first], y - y[first])
+    at_begin = (distance_from_begin < SETTINGS.near) & (along > SAME_WAY)
     passes = [first]
     while True:
         later = np.flatnonzero(at_begin[passes[-1] + round(SETTINGS.shortest / SETTINGS.step) :])
@@ -84,4 +84,4 @@ def _passes(x: Array, y: Array) -> list[int]:
             return passes
         begin = passes[-1] + round(SETTINGS.shortest / SETTINGS.step) + int(later[0])
         end = begin + round(2 * SETTINGS.near / SETTINGS.step)
-        passes.append(begin + int(np.argmin(off[begin:end])))
+        passes.append(begin + int(np.argmin(distance_from_begin[begin:end])))

@@ -61,7 +61,7 @@ def load_file(path: str | Path) -> Any:
 
 
 def load(text: str, place: str) -> Any:
-    """The plain content of a YAML text; `where` begins the message of the `InputError` that is raised for what is no
+    """The plain content of a YAML text; `place` begins the message of the `InputError` that is raised for what is no
     YAML or more than anybody would write."""
     check(text, place)
     try:

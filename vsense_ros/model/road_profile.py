@@ -28,6 +28,6 @@ def between(share: float, length: float, value: Array, change: Array) -> tuple[f
     `length` [m] apart, from the values and derivatives (2,) at both places (Hermite's form)."""
     (begin, end), remaining = value.tolist(), 1 - share
     first, last = length * change.item(0) - (end - begin), (end - begin) - length * change.item(1)
-    bent = remaining * first + share * last
-    between_them = begin + share * (end - begin + remaining * bent)
-    return between_them, (end - begin + (remaining - share) * bent + share * remaining * (last - first)) / length
+    curved = remaining * first + share * last
+    interpolated = begin + share * (end - begin + remaining * curved)
+    return interpolated, (end - begin + (remaining - share) * curved + share * remaining * (last - first)) / length

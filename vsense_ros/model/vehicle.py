@@ -94,9 +94,10 @@ class Vehicle(Part):
         values = self.values()
         for name, settings in self.observer.parameters.items():
             if name not in values:
-                alike = ", ".join(get_close_matches(name, values, 3, 0.0))
+                nearest_names = ", ".join(get_close_matches(name, values, 3, 0.0))
                 raise ValueError(
-                    f"observer.parameters has {name}, which is no number below physics; nearest to it are {alike}"
+                    f"observer.parameters has {name}, which is no number below physics; nearest to it are "
+                    f"{nearest_names}"
                 )
             lower, upper = settings.bounds(values[name])
             if not lower <= values[name] <= upper:
@@ -121,7 +122,7 @@ class Vehicle(Part):
         chassis, front, rear, values = self.physics.chassis, self.physics.front, self.physics.rear, self.values()
         arms = chassis.cog_to_front_axle, chassis.cog_to_rear_axle
         track = (front.track * arms[1] + rear.track * arms[0]) / sum(arms)  # beside cog
-        for name, most, expected in (
+        for name, largest, expected in (
             (
                 "effects.payload_offset.moment", chassis.mass * track / 2,
                 "kg m, at which this car tips over; is it mass times offset?",
@@ -132,8 +133,8 @@ class Vehicle(Part):
             ),
         ):  # fmt: skip
             value = values.get(name, 0.0)
-            if abs(value) >= most:
-                raise ValueError(f"physics.{name} is {value:g}; expected less than {most:.4g} {expected}")
+            if abs(value) >= largest:
+                raise ValueError(f"physics.{name} is {value:g}; expected less than {largest:.4g} {expected}")
         return self
 
     def sensing(self) -> dict[str, SensorBase]:

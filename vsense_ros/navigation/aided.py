@@ -226,18 +226,18 @@ class Aided(Filter):
         """How far an axis of a reading (6,) of the first inertial sensor is from what is expected of it, which leaves
         the filter as it is. Alone it has a number in the innovation."""
         whitened, factor = np.full(len(AXES) + len(self.conditions), nan), np.eye(len(AXES) + len(self.conditions))
-        far, deviation = nan, 1.0
+        distance, deviation = nan, 1.0
         if axis in self.driving and self.reckoning is not None:
             difference, deviation = self.reckoning.innovation(axis, float(value[axis]), float(variance[axis]))
-            far = difference / deviation
+            distance = difference / deviation
         else:
             for name, make, _, usual in self.use[self.inertial or ""].measurements:
                 if axis in (places := _places(make)):
                     innovation = self._measure(name, make(value, variance), usual, -1.0, 1.0)
                     at = places.index(axis)
-                    far, deviation = innovation.whitened.item(at), innovation.factor.item(at, at)
-        whitened[axis], factor[axis, axis] = far, deviation
-        return Innovation(whitened, factor, far * far, False)
+                    distance, deviation = innovation.whitened.item(at), innovation.factor.item(at, at)
+        whitened[axis], factor[axis, axis] = distance, deviation
+        return Innovation(whitened, factor, distance * distance, False)
 
     def measures(self, name: str) -> bool:
         """True if any sensor makes the measurement of this name."""
@@ -316,11 +316,13 @@ class Aided(Filter):
             return np.inf
         return own_limit * (limit / largest_nis(use.gate, components))
 
-    def _measure(self, name: str, reading: tuple[Array, Array], usual: Array, most: float, scale: float) -> Innovation:
+    def _measure(
+        self, name: str, reading: tuple[Array, Array], usual: Array, largest: float, scale: float
+    ) -> Innovation:
         value, variances = reading
         if not variances.all():  # of a sensor that the multibody car takes for an input without noise
             variances = np.where(variances > 0, variances, usual)
-        return self.filter.correct(name, value, variances, most, scale)
+        return self.filter.correct(name, value, variances, largest, scale)
 
     def _correct_inertial(
         self, reckoning: Reckoning, sensor: str, value: Array, variance: Array, limit: float, scale: float
@@ -340,17 +342,17 @@ class Aided(Filter):
         for memory in use.remembered:
             memory.renew(value)
         for name, make, own_limit, usual in use.measurements:
-            most = self._most(use, own_limit, limit, len(value))
-            innovation = self._measure(name, make(value, variance), usual, most, scale)
+            largest_nis_of_measurement = self._most(use, own_limit, limit, len(value))
+            innovation = self._measure(name, make(value, variance), usual, largest_nis_of_measurement, scale)
             for k, place in enumerate(_places(make)):
                 whitened[place], deviations[place] = innovation.whitened.item(k), innovation.factor.item(k, k)
                 if not innovation.accepted and innovation.nis >= 0:
                     refused.append(place)
         self._give(sensor, value)
         worst = -1.0
-        for far in whitened:
-            if far * far > worst:
-                worst = far * far
+        for distance in whitened:
+            if distance * distance > worst:
+                worst = distance * distance
         if refused:
             worst = max(worst, _BEYOND * gate**2)
         self.refused = tuple(refused)
@@ -450,8 +452,8 @@ def _inertial_inputs(names: Sequence[str]) -> list[tuple[int, int]]:
 
 def usable(sensors: Mapping[str, SensorBase]) -> dict[str, SensorBase]:
     """The sensors that any filter of this package could use."""
-    used = {source.measures for source in INPUTS.values()} | {source.measures for source in MEASUREMENTS.values()}
-    return {key: sensor for key, sensor in sensors.items() if not used.isdisjoint(sensor.measures)}
+    measurable = {source.measures for source in INPUTS.values()} | {source.measures for source in MEASUREMENTS.values()}
+    return {key: sensor for key, sensor in sensors.items() if not measurable.isdisjoint(sensor.measures)}
 
 
 def _speed_of(sensor: SensorBase, sensors: Mapping[str, SensorBase], radius: float) -> Callable[[Array], float] | None:

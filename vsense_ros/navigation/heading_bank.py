@@ -57,7 +57,7 @@ class Hypothesis(MapIns):
 
 class HeadingBank(GaussianFilter):
     """The filters side by side in one memory, behind their mixture's mean, covariance, its inputs and the logarithms of
-    weights. `one` is such a filter; `memory` may be given, as a part of another's."""
+    weights. `ekf` is such a filter; `memory` may be given, as a part of another's."""
 
     def __init__(self, ekf: Ekf, memory: Array | None = None) -> None:
         n, k, size = len(ekf.mean), len(ekf.inputs), len(ekf.memory)
@@ -123,9 +123,9 @@ class HeadingBank(GaussianFilter):
         around = means[int(np.argmax(weights)), self._yaw]
         means[:, self._yaw] = around + (means[:, self._yaw] - around + np.pi) % (2 * np.pi) - np.pi
         self.mean[:] = weights @ means
-        off = means - self.mean
+        deviations = means - self.mean
         inner = np.einsum("i,ijk->jk", weights, np.array([ekf.covariance for ekf in self.bank]))
-        self.covariance[:] = inner + off.T @ (weights[:, None] * off)
+        self.covariance[:] = inner + deviations.T @ (weights[:, None] * deviations)
 
     def is_valid(self) -> bool:
         """True if every filter of the bank is valid."""

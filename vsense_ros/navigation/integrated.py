@@ -86,14 +86,14 @@ class Integrated(NavigationSpace):
     def axle_forces(self, x: Named, u: Named, theta: Named) -> tuple[ca.SX, ca.SX]:
         """Forces of the axles across the car [N]."""
         length = theta.to_front + theta.to_rear
-        most = theta.friction * theta.mass * theta.gravity / length
+        friction_per_length = theta.friction * theta.mass * theta.gravity / length
         front, rear = self.slip_angles(x, u, theta)
         stiff_front = theta.front_stiffness * ca.exp(x.front_ln_stiffness)
         stiff_rear = theta.rear_stiffness * ca.exp(x.rear_ln_stiffness)
         steer = u.steer_angle - x.steering_bias
         return (
-            brush(stiff_front * front, most * theta.to_rear) * ca.cos(steer),
-            brush(stiff_rear * rear, most * theta.to_front),
+            brush(stiff_front * front, friction_per_length * theta.to_rear) * ca.cos(steer),
+            brush(stiff_rear * rear, friction_per_length * theta.to_front),
         )
 
     def auxiliary(self, x: Named, u: Named, theta: Named) -> Any:
@@ -152,10 +152,10 @@ class Integrated(NavigationSpace):
         return {**super().motion(x, u, theta), **upright}
 
 
-def brush(linear: ca.SX, most: ca.SX) -> ca.SX:
+def brush(linear: ca.SX, largest: ca.SX) -> ca.SX:
     """Force [N] of a tyre of which a linear one would give `linear`, and the largest is `most`."""
-    t = ca.fmin(ca.fmax(linear / most, -_SLIDES), _SLIDES)
-    return most * (t - t * ca.fabs(t) / 3 + t**3 / 27)
+    t = ca.fmin(ca.fmax(linear / largest, -_SLIDES), _SLIDES)
+    return largest * (t - t * ca.fabs(t) / 3 + t**3 / 27)
 
 
 def _velocity(x: Named, z: Named, u: Named, p: Named) -> list[ca.SX]:

@@ -136,7 +136,7 @@ class Reckoning:
         elapsed = self._others.item(0) - self._others.item(1)
         self._others[1] = self._others[0]
         share = min(elapsed / self._settings.usual_time, 1.0)
-        again = min(self._settings.believed_again, gate)
+        gate_of_return = min(self._settings.believed_again, gate)
         readings, noises = value.tolist(), variance.tolist()
         expected, known_variances, doubted = self.expected.tolist(), self.variance.tolist(), self.doubted.tolist()
         whitened, deviations, refused = [nan] * 6, [1.0] * 6, []
@@ -147,13 +147,13 @@ class Reckoning:
                 continue
             change = reading - expected[i]
             if known_variances[i] == inf:  # the first
-                deviation, far = 1.0, 0.0
+                deviation, distance = 1.0, 0.0
             else:
                 usual = self._usual.item(i)
                 deviation = sqrt(max(known_variances[i] + noises[i] + self._densities[i] * elapsed, usual))
-                far = change / deviation
-            deviations[i], whitened[i] = deviation, far
-            if abs(far) > (again if doubted[i] else gate):
+                distance = change / deviation
+            deviations[i], whitened[i] = deviation, distance
+            if abs(distance) > (gate_of_return if doubted[i] else gate):
                 self._doubt(i)
                 refused.append(i)
                 continue

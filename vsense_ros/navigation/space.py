@@ -119,12 +119,12 @@ class Definition:
 
     def start(self, first_readings: FirstReadings) -> Gaussian:
         """Mean and covariance at start, nothing between parts."""
-        every = [system.start(first_readings) for system, _ in self.parts.values()]
-        sizes = [len(belief.covariance) for belief in every]
+        beliefs = [system.start(first_readings) for system, _ in self.parts.values()]
+        sizes = [len(belief.covariance) for belief in beliefs]
         covariance = np.zeros((sum(sizes), sum(sizes)))
-        for at, belief in zip(np.cumsum([0, *sizes]), every, strict=False):
+        for at, belief in zip(np.cumsum([0, *sizes]), beliefs, strict=False):
             covariance[at : at + len(belief.covariance), at : at + len(belief.covariance)] = belief.covariance
-        return Gaussian(np.concatenate([belief.mean for belief in every]), covariance)
+        return Gaussian(np.concatenate([belief.mean for belief in beliefs]), covariance)
 
     @property
     def states(self) -> tuple[str, ...]:
@@ -166,8 +166,8 @@ class Definition:
             for measurement in measurements
             if (part, measurement.name) not in fed
         ]
-        every = [*from_outside, *(link.sensor for link in self.passed_measurements)]
-        return tuple({measurement.name: measurement for measurement in every}.values())
+        all_measurements = [*from_outside, *(link.sensor for link in self.passed_measurements)]
+        return tuple({measurement.name: measurement for measurement in all_measurements}.values())
 
 
 def filters_of(filter: Filter) -> tuple[Any, ...]:

@@ -80,11 +80,11 @@ class Strapdown(NavigationSpace):
         forces = dict.fromkeys(("acceleration_x", "acceleration_y", "acceleration_z"), force)
         walk = (*[1e-5] * 3, *[1e-3] * 3, *[1e-5] * 3, 1e-6, 1e-5, 1e-5, 0.0, 0.0)
         strained = (u.acceleration_x**2 + u.acceleration_y**2) / LINEAR**2
-        aside = ASIDE * (1 + (u.acceleration_y / LINEAR) ** 2)
+        sideways = ASIDE * (1 + (u.acceleration_y / LINEAR) ** 2)
         strays: list[Any] = [
             (SLIPPING * strained) ** 2 * h,
             0.0,
-            aside**2 * (1 - ca.exp(-2 * h / ASIDE_TIME)),
+            sideways**2 * (1 - ca.exp(-2 * h / ASIDE_TIME)),
             PITCHING**2 * (1 - ca.exp(-2 * h / PITCHING_TIME)),
         ]
         felt = self.sampled(x, u, theta, h, **rates, **forces)

@@ -64,9 +64,9 @@ def straight(x: Named, u: Named, theta: Named) -> ca.SX:
 def at_fix(x: Named, u: Named, theta: Named, velocity: ca.SX, variance: Named) -> dict[str, ca.SX]:
     """Inputs to remember from a new fix: deviation of the bias, and for how long heading and course contradict."""
     speed = ca.fmax(ca.sqrt(velocity[0] ** 2 + velocity[1] ** 2), SLOWEST_COURSE)
-    apart = ca.fabs(wrapped(ca.atan2(velocity[1], velocity[0]) - x.yaw))
-    most = LARGEST_SLIP + REACH * ca.fabs(u.yaw_rate - x.gyro_bias) / speed
-    wrong = ca.if_else(apart > most, u.wrong + ca.fmin(u.since_fix, 1.0), 0.0)
+    difference = ca.fabs(wrapped(ca.atan2(velocity[1], velocity[0]) - x.yaw))
+    largest = LARGEST_SLIP + REACH * ca.fabs(u.yaw_rate - x.gyro_bias) / speed
+    wrong = ca.if_else(difference > largest, u.wrong + ca.fmin(u.since_fix, 1.0), 0.0)
     return {
         "bias_deviation": ca.sqrt(ca.fmax(variance.gyro_bias, 0.0)),
         "wrong": wrong,

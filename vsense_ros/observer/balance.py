@@ -87,8 +87,8 @@ class Balance:
         """The sums that can be made of these axes (6,), each of which is for the most part one of the car."""
         nearest = np.abs(self._to_car).argmax(axis=1)
         rates, forces = present[:3][nearest], present[3:][nearest]
-        about = rates & [forces[1], forces[0], True]  # a force at cog makes a moment about the road
-        return np.concatenate([forces, about])
+        moments = rates & [forces[1], forces[0], True]  # a force at cog makes a moment about the road
+        return np.concatenate([forces, moments])
 
     def compare(self, estimate: Estimate) -> None:
         """Compare an estimate with the newest reading; its `unbalanced` is filled by the next `settle`."""
@@ -108,9 +108,9 @@ class Balance:
         if not self._waiting:
             return
         estimates = [estimate for estimate, _ in self._waiting]
-        now = self._signals(estimates, np.array([reading for _, reading in self._waiting]))
+        signals = self._signals(estimates, np.array([reading for _, reading in self._waiting]))
         self._waiting.clear()
-        once, low, passed = self._low_passed([e.stamp for e in estimates], now)
+        once, low, passed = self._low_passed([e.stamp for e in estimates], signals)
         rates, turning = low[:, :3], (once[:, :3] - low[:, :3]) / _TIME_CONSTANT
         # The lever arm's tangential and centripetal parts, ω × (ω × r) = ω (ω · r) - r ω².
         force = low[:, 3:6] + turning @ self._by_turning.T - rates * (rates @ self._arm)[:, None]
@@ -133,18 +133,18 @@ class Balance:
         model_wheels, state, inputs, shares, distances = (np.array([getattr(e, n) for e in estimates]) for n in names)
         steering = inputs[:, 0] - state[:, DISTURB.start + STEERING_OFFSET]
         wheels = with_missing_forces(model_wheels, state[:, FORCE], steering, shares, distances)
-        now = np.empty((len(estimates), 14))
-        now[:, :3], now[:, 3:6] = readings[:, :3] @ self._to_car.T, readings[:, 3:] @ self._to_car.T
-        now[:, 6:12] = self._car.of_tyres(wheels, steering)
-        now[:, 12], now[:, 13] = state[:, ROLL], state[:, PITCH]
-        return now
+        signals = np.empty((len(estimates), 14))
+        signals[:, :3], signals[:, 3:6] = readings[:, :3] @ self._to_car.T, readings[:, 3:] @ self._to_car.T
+        signals[:, 6:12] = self._car.of_tyres(wheels, steering)
+        signals[:, 12], signals[:, 13] = state[:, ROLL], state[:, PITCH]
+        return signals
 
-    def _low_passed(self, stamps: Sequence[int], now: Array) -> tuple[Array, Array, list[float | None]]:
+    def _low_passed(self, stamps: Sequence[int], signals_of_all: Array) -> tuple[Array, Array, list[float | None]]:
         """Signals (n, 14) after one and after both low-pass filters, and the time since the one before [s]; None where
         the filters began anew."""
-        once, twice = np.empty_like(now), np.empty_like(now)
+        once, twice = np.empty_like(signals_of_all), np.empty_like(signals_of_all)
         times: list[float | None] = []
-        for i, (stamp, signals) in enumerate(zip(stamps, now, strict=True)):
+        for i, (stamp, signals) in enumerate(zip(stamps, signals_of_all, strict=True)):
             passed = (stamp - self._stamp) * 1e-9
             self._stamp = stamp
             if 0 <= passed < LONGEST_GAP:
@@ -169,10 +169,10 @@ class Balance:
         mean = np.sqrt(self._square / (1 - exp(-self._since / MEMORY)))
         comparable = np.isfinite(self._car.shares(np.where(self._measured, 0.0, np.nan)))
         values = {f"{name} [%]": f"{100 * mean[i]:.1f}" for i, name in enumerate(SHARES) if comparable[i]}
-        over = [
+        exceeded = [
             f"{name} {100 * mean[i]:.0f} %" for i, name in enumerate(SHARES) if comparable[i] and mean[i] > LARGEST[i]
         ]
-        if over and self._since > MEMORY:
-            text = f"tyre forces do not add up to what {self.sensor} feels: {', '.join(over)} off"
+        if exceeded and self._since > MEMORY:
+            text = f"tyre forces do not add up to what {self.sensor} feels: {', '.join(exceeded)} off"
             return Diagnostic("balance of forces", Level.WARN, text, values)
         return Diagnostic("balance of forces", Level.OK, f"tyre forces add up to what {self.sensor} feels", values)

@@ -97,19 +97,19 @@ class Beginning:
         if len(speeds) < _FEWEST:
             return None
         middle = float(np.median(speeds))
-        near = max(_APART_AT_LEAST, _APART * middle)
-        agree = sum(abs(speed - middle) <= near for speed in speeds)
-        return middle if abs(latest[1] - middle) > near and 2 * agree > len(speeds) else None
+        tolerance = max(_APART_AT_LEAST, _APART * middle)
+        agree = sum(abs(speed - middle) <= tolerance for speed in speeds)
+        return middle if abs(latest[1] - middle) > tolerance and 2 * agree > len(speeds) else None
 
     def _keep(self, event: Event) -> bool:
         """What is far apart in time, one of them by a wrong clock, does not describe the same start. A clock that
         differs from several others, of which there was news lately, is wrong; else the newest message counts."""
         stamp, gap, now = event.stamp, LONGEST_GAP * 1e9, self._intake.newest_arrival
-        near = {i for i, e in self._first.items() if abs(e.stamp - stamp) < gap}
+        simultaneous = {i for i, e in self._first.items() if abs(e.stamp - stamp) < gap}
         other_sensors = [i for i in self._first if i != event.sensor and now - self._gathered[i] < gap]
-        if len(other_sensors) > 1 and not near.intersection(other_sensors):
+        if len(other_sensors) > 1 and not simultaneous.intersection(other_sensors):
             return False
-        self._first = {i: e for i, e in self._first.items() if i in near}
+        self._first = {i: e for i, e in self._first.items() if i in simultaneous}
         if not self._first:
             self._first_stamp = stamp
         self._first[event.sensor] = event

@@ -167,14 +167,14 @@ class CarBlocks(CarMemory):
         self.road_map[changing, : len(by_velocity.T)] = h * by_velocity
         self.road_map[changing, len(by_velocity.T) :] = h * by_road
         noise = process.noise.copy()
-        way = h * abs(self.mean.item(FORWARD))
+        distance = h * abs(self.mean.item(FORWARD))
         for slope, change, (rate, variance, reversion) in zip(
             (GRADE, BANK), (GRADE_CHANGE, BANK_CHANGE), self.roughness, strict=True
         ):
-            decay = 1 / (1 + way * rate)
+            decay = 1 / (1 + distance * rate)
             self.road_map[slope, TWIST_SIZE + slope] += 1.0
             self.road_map[change, TWIST_SIZE + change] = decay
-            self.road_map[change, TWIST_SIZE + slope] = -decay * way * reversion
+            self.road_map[change, TWIST_SIZE + slope] = -decay * distance * reversion
             noise[ROAD_STATES.start - SLOW + change] += variance * (1 - decay**2)
         return noise
 
@@ -277,8 +277,8 @@ class CarBlocks(CarMemory):
 
     def is_valid(self) -> bool:
         """True if the mean can be a car's."""
-        within = np.count_nonzero(np.abs(self.mean) < self.largest)
-        return bool(self.covariance.item(FORWARD, FORWARD) > 0 and within == len(self.mean))
+        count_inside = np.count_nonzero(np.abs(self.mean) < self.largest)
+        return bool(self.covariance.item(FORWARD, FORWARD) > 0 and count_inside == len(self.mean))
 
     @property
     def axle_distances(self) -> Array:

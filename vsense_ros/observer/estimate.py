@@ -159,9 +159,9 @@ class Estimate:
         beyond the file adds that share of each force, or what is left of it where the filter estimates the mass.
         """
         by_error, lacking = wheels_by_error(*self.wheel_slopes, self.car.layout.size)
-        along, across, about = (lacking[..., i, :] for i in range(3))
+        along, across, yawing = (lacking[..., i, :] for i in range(3))
         to_front, to_rear = self.axle_distances[..., 0, None], self.axle_distances[..., 1, None]
-        front = (to_rear * across + about) / (to_front + to_rear)
+        front = (to_rear * across + yawing) / (to_front + to_rear)
         steering = self.inputs[..., 0] - self.state[..., DISTURB.start + STEERING_OFFSET]
         # As in `with_lateral_error`.
         of_axles = np.stack([front / np.cos(steering)[..., None], across - front], axis=-2)
@@ -301,11 +301,11 @@ def stacked(estimates: Sequence[Estimate]) -> Estimate:
     first = estimates[0]
     arrays: dict[str, Any] = {}
     for f in fields(Estimate):
-        every = [getattr(e, f.name) for e in estimates]
-        if isinstance(every[0], np.ndarray):
-            arrays[f.name] = np.array(every)
+        values = [getattr(e, f.name) for e in estimates]
+        if isinstance(values[0], np.ndarray):
+            arrays[f.name] = np.array(values)
         elif f.name.endswith("slopes"):
-            arrays[f.name] = tuple(np.array(part) for part in zip(*every, strict=True))
+            arrays[f.name] = tuple(np.array(part) for part in zip(*values, strict=True))
     return replace(first, **arrays)
 
 

@@ -181,9 +181,9 @@ class Monitor:
         self._on = False
 
     def _bounds(self, limits: Limits | None, n: int) -> tuple[Array, Array, Array]:
-        low, high, most = np.full(n, -np.inf), np.full(n, np.inf), np.full(n, np.inf)
+        low, high, largest_rms = np.full(n, -np.inf), np.full(n, np.inf), np.full(n, np.inf)
         if limits is None:
-            return low, high, most
+            return low, high, largest_rms
         places = {quantity.name: i for i, quantity in enumerate(self.quantities)}
         if unknown := [name for name in limits.quantities if name not in places]:
             raise InputError(
@@ -193,8 +193,8 @@ class Monitor:
         for name, bounds in limits.quantities.items():
             i = places[name]
             low[i], high[i] = bounds.low, bounds.high
-            most[i] = np.inf if bounds.rms is None else bounds.rms
-        return low, high, most
+            largest_rms[i] = np.inf if bounds.rms is None else bounds.rms
+        return low, high, largest_rms
 
     def forget(self) -> None:
         """Begin anew, as the filter does."""
@@ -275,8 +275,8 @@ class Monitor:
                     self.independent[watched.axes] = counts[watched.axes]
                     self.independent[watched.ratio] = counts[watched.ratio] * watched.components / 2  # of a square
             self._on_statistics(stamp, self._last)
-        beyond = {int(i) for i in np.flatnonzero(self._excess > 1.0)}
-        self._since = {i: self._since.get(i, stamp) for i in beyond}
+        exceeding = {int(i) for i in np.flatnonzero(self._excess > 1.0)}
+        self._since = {i: self._since.get(i, stamp) for i in exceeding}
 
     @property
     def beyond(self) -> dict[str, int]:

@@ -30,26 +30,28 @@ class ParameterEkf(ParameterFilter):
         arguments = [ca.MX.sym("a", *a.shape) for a in self.arguments]
         effect = ca.MX.sym("effect", COORDINATES, k)
         bias, mounting = ca.MX.sym("biases", len(sensor.biases())), ca.MX.sym("mounting", len(sensor.mounting()))
-        by = [ca.MX.sym("by", m, columns) for columns in (COORDINATES,) * 3 + (len(DISTURBANCES), 1)]
+        jacobians = [ca.MX.sym("by", m, columns) for columns in (COORDINATES,) * 3 + (len(DISTURBANCES), 1)]
         of_q, of_u, around, dynamic, direct, of_biases = self._apart(biases)(arguments[10], effect)
-        innovation = product(by[0], of_q, product(by[1], of_u, product(by[3], around)))
+        innovation = product(jacobians[0], of_q, product(jacobians[1], of_u, product(jacobians[3], around)))
         if sensor.uses_acceleration:
-            innovation = product(by[2], self.through(arguments, dynamic, of_u, around, direct), innovation)
-        results = self._rooted(m, of_biases.shape)(innovation, by[4], of_biases, arguments[11])
-        return ca.Function("spread", [*arguments, effect, bias, mounting, *by], list(results))
+            innovation = product(jacobians[2], self.through(arguments, dynamic, of_u, around, direct), innovation)
+        results = self._rooted(m, of_biases.shape)(innovation, jacobians[4], of_biases, arguments[11])
+        return ca.Function("spread", [*arguments, effect, bias, mounting, *jacobians], list(results))
 
     def _apart(self, biases: slice) -> ca.Function:
         """(S, effect) → S of coordinates, velocities, disturbances, dynamic coordinates, that of accelerations with the
         effect, and that of a sensor's biases."""
         s, effect = self.sensitivity, ca.SX.sym("effect", COORDINATES, self.count)
-        own = s[biases, :]
-        results = [s[Q, :], s[U, :], s[DISTURB, :], s[DYNAMIC.tolist(), :], s[FORCE, :] + effect, own]
+        of_biases = s[biases, :]
+        results = [s[Q, :], s[U, :], s[DISTURB, :], s[DYNAMIC.tolist(), :], s[FORCE, :] + effect, of_biases]
         return function("apart", [s, effect], results)
 
     def _rooted(self, m: int, of_biases: tuple[int, int]) -> ca.Function:
         """(what parameters do to the measurement without biases (m×k), derivatives by biases (m), S of these, M) → what
         a standard deviation does (m×k), root of M."""
-        told, own = ca.SX.sym("told", m, self.count), ca.SX.sym("own", *of_biases)
+        unbiased, bias_sensitivity = ca.SX.sym("told", m, self.count), ca.SX.sym("own", *of_biases)
         by_biases, root = ca.SX.sym("by_biases", m), ca.chol(self.covariance).T
-        whole = told + ca.repmat(by_biases, 1, self.count) * own if own.numel() else told
-        return function("rooted", [told, by_biases, own, self.covariance], [whole @ root, root])
+        total = (
+            unbiased + ca.repmat(by_biases, 1, self.count) * bias_sensitivity if bias_sensitivity.numel() else unbiased
+        )
+        return function("rooted", [unbiased, by_biases, bias_sensitivity, self.covariance], [total @ root, root])

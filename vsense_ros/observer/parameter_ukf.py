@@ -76,14 +76,14 @@ class ParameterUkf(ParameterFilter):
         accelerations = self.accelerations(arguments, deviation, of_state)
         s, nothing = arguments[10], ca.MX.zeros(COORDINATES, self.count)
         linear_effect = self.through(arguments, s[DYNAMIC.tolist(), :], s[U, :], s[DISTURB, :], nothing)
-        beyond = accelerations - linear_effect @ deviation
+        remaining = accelerations - linear_effect @ deviation
         weighted = ca.DM(np.diag(self.weights)) @ deviation.T
         m = ca.SX.sym("m", self.count, self.count)
         x = ca.SX.sym("x", COORDINATES, self.count)
         factor = ca.chol(m)
         regress = ca.Function("regress", [x, m], [ca.solve(factor, ca.solve(factor.T, x.T)).T])
         return codegen.function(
-            "parameters_effect", arguments, [regress(beyond @ weighted, arguments[11])], numbered(len(arguments))
+            "parameters_effect", arguments, [regress(remaining @ weighted, arguments[11])], numbered(len(arguments))
         )
 
     def spread(self, sensor: SensorBase, biases: slice) -> ca.Function:

@@ -88,13 +88,13 @@ class RoadMap:
         slopes, changes, on_profiles, sizes = np.zeros(2), np.zeros(2), np.zeros(2), {}
         for effect in self._effects:
             if isinstance(effect, RoadEffect) and effect.profile:
-                beyond, change, on_profile = surveyed.get(effect.id, NOWHERE)
+                deviation, change, on_profile = surveyed.get(effect.id, NOWHERE)
                 name = effect.size_name()
                 if on_profile:
                     by_size = slope_by_size(effect)
                     on_profiles += by_size != 0.0
                     changes += change * by_size
-                effect = effect.model_copy(update={name: getattr(effect, name) + beyond})
+                effect = effect.model_copy(update={name: getattr(effect, name) + deviation})
                 sizes[f"effects.{effect.id}.{name}"] = getattr(effect, name)
             slopes += effect.mean_slope
         return RoadAtCar(slopes, changes, np.minimum(on_profiles, 1.0), sizes)
@@ -125,24 +125,24 @@ class Profile:
     def at(self, east: float, north: float, heading: float) -> Surveyed:
         """What it says of a place [m] for who drives in a direction [rad]; beyond the last row the value falls to
         zero, which it is off the road."""
-        place, way = np.array([east, north]), np.array([np.cos(heading), np.sin(heading)])
-        off = place - self._at[self._begin]
-        along = np.sum(off * self._along, axis=1)
-        across = np.abs(off[:, 0] * self._along[:, 1] - off[:, 1] * self._along[:, 0])
+        place, direction = np.array([east, north]), np.array([np.cos(heading), np.sin(heading)])
+        offset = place - self._at[self._begin]
+        along = np.sum(offset * self._along, axis=1)
+        across = np.abs(offset[:, 0] * self._along[:, 1] - offset[:, 1] * self._along[:, 0])
         share = along / self._length
-        on = (share >= 0) & (share <= 1) & (across < NEAR) & (self._along @ way > SAME_WAY)
+        on = (share >= 0) & (share <= 1) & (across < NEAR) & (self._along @ direction > SAME_WAY)
         if on.any():
             i = int(np.argmin(np.where(on, across, np.inf)))
             pair = slice(self._begin[i], self._begin[i] + 2)
             place_on = share.item(i), self._length.item(i)
             return Surveyed(*road_profile.between(*place_on, self._value[pair], self._change[pair]), True)
         east, north = (place - self._at).T
-        ahead, aside = np.cos(self._direction), np.sin(self._direction)
-        along, across = np.abs(east * ahead + north * aside), np.abs(north * ahead - east * aside)
-        near = (along < SPACING) & (across < NEAR) & (np.cos(heading - self._direction) > SAME_WAY)
-        if not near.any():
+        ahead, sideways = np.cos(self._direction), np.sin(self._direction)
+        along, across = np.abs(east * ahead + north * sideways), np.abs(north * ahead - east * sideways)
+        nearby = (along < SPACING) & (across < NEAR) & (np.cos(heading - self._direction) > SAME_WAY)
+        if not nearby.any():
             return NOWHERE
-        i = int(np.argmin(np.where(near, along, np.inf)))
+        i = int(np.argmin(np.where(nearby, along, np.inf)))
         ending, beginning = share[self._begin == i - 1], share[self._begin == i]
         if np.any(ending > 1) and np.any(beginning < 0):  # outside of a bend, abreast of the row
             return Surveyed(float(self._value[i]), float(self._change[i]), True)
@@ -153,9 +153,9 @@ def with_changes(rows: Rows, on_map: Map) -> Array:
     """Rows of a `RoadEffect.profile` on a map, (n, 5): `places`, and what the value changes by along the road [1/m]."""
     placed_rows = places(rows, on_map)
     length, joined = joined_chords(placed_rows[:, :2])
-    apart = np.setdiff1d(np.arange(len(length)), joined) + 1
-    way = np.concatenate([[0.0], np.cumsum(length)])
-    stretches = zip(np.split(way, apart), np.split(placed_rows[:, 3], apart), strict=True)
+    ends = np.setdiff1d(np.arange(len(length)), joined) + 1
+    distance = np.concatenate([[0.0], np.cumsum(length)])
+    stretches = zip(np.split(distance, ends), np.split(placed_rows[:, 3], ends), strict=True)
     return np.column_stack([placed_rows, np.concatenate([road_profile.changes(*stretch) for stretch in stretches])])
 
 

@@ -322,8 +322,8 @@ class Spi(CarFilter):
 
     def at_bounds(self) -> tuple[str, ...]:
         """Parameters that would be elsewhere if their bounds let them: something else is wrong with the car."""
-        near = SETTINGS.bound_share * self.prior_deviation
-        is_at_bound = (self.values <= self.lower + near) | (self.values >= self.upper - near)
+        tolerance = SETTINGS.bound_share * self.prior_deviation
+        is_at_bound = (self.values <= self.lower + tolerance) | (self.values >= self.upper - tolerance)
         return tuple(name for name, is_there in zip(self.parameter_names, is_at_bound, strict=True) if is_there)
 
     def observability(self) -> Observability:

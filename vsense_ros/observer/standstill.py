@@ -61,18 +61,20 @@ class Standstill:
         if not self.known:
             return None
         driven = complex(*position) - self._antenna + self._arm * (exp(1j * was) - exp(1j * self._yaw))
-        way = complex(*antenna) - self._antenna
+        displacement = complex(*antenna) - self._antenna
         deviation = float(np.sqrt(variance.max() + 1 / self._precision))
-        if not abs(way) > max(_LEAST_WAY * deviation, _SHORTEST_WAY):
+        if not abs(displacement) > max(_LEAST_WAY * deviation, _SHORTEST_WAY):
             return None
-        if not abs(abs(driven) - abs(way)) < _LENGTH_ERROR * abs(way):
+        if not abs(abs(driven) - abs(displacement)) < _LENGTH_ERROR * abs(displacement):
             return None
-        return was + phase(way / driven), float(np.hypot(0.05, deviation / abs(way)))
+        return was + phase(displacement / driven), float(np.hypot(0.05, deviation / abs(displacement)))
 
     def place(self, position: Array, was: float, yaw: float) -> tuple[Array, float]:
         """Where cog is in the map (2,) [m] and its standard deviation [m], once the heading is known to be `yaw` where
         the filter had `was` [rad]: the way to the filter's `position` (2,) was driven in another direction."""
         turn = exp(1j * (yaw - was))
-        way = complex(*position) - self._antenna
-        place = self._antenna + turn * (way - exp(1j * self._yaw) * self._arm)
-        return np.array([place.real, place.imag]), float(np.hypot(self._precision**-0.5, _WAY_ERROR * abs(way)))
+        displacement = complex(*position) - self._antenna
+        place = self._antenna + turn * (displacement - exp(1j * self._yaw) * self._arm)
+        return np.array([place.real, place.imag]), float(
+            np.hypot(self._precision**-0.5, _WAY_ERROR * abs(displacement))
+        )

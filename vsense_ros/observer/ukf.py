@@ -78,8 +78,8 @@ class Ukf(Ekf, CarFilter):
         points[:, Q], points[:, U] = q.T, u.T
         car.relax(points[:, FORCE.start :], h, faster, process)
         self.mean[:] = points.mean(axis=0)
-        apart = (points - self.mean)[:, self.kept]
-        self.covariance[self._block] = apart.T @ apart / self._count
+        differences = (points - self.mean)[:, self.kept]
+        self.covariance[self._block] = differences.T @ differences / self._count
         car.add_noise(noise)
         car.linearize()
 
@@ -105,9 +105,9 @@ class Ukf(Ekf, CarFilter):
         kernel.call()
         measured = kernel.results[0].T
         expected = measured.mean(axis=0)
-        apart = measured - expected
-        across = (points - self.mean)[:, self.kept].T @ apart / self._count
-        return expected, across, apart.T @ apart / self._count
+        differences = measured - expected
+        across = (points - self.mean)[:, self.kept].T @ differences / self._count
+        return expected, across, differences.T @ differences / self._count
 
 
 def _root(covariance: Array) -> Array:

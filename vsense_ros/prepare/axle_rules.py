@@ -20,8 +20,8 @@ def sizes(car: CatalogueValues) -> dict[str, TyreSize]:
 
 
 def axles(car: CatalogueValues, rules: Rules, of_body: dict[str, Estimated]) -> dict[str, Estimated]:
-    """Numbers of `physics.front` and `physics.rear` but for the tyres' forces, by dotted path; `known` are those of the
-    body."""
+    """Numbers of `physics.front` and `physics.rear` but for the tyres' forces, by dotted path; `of_body` are those of
+    the body."""
     numbers = dict(of_body)
     for axle, size in sizes(car).items():
         track = car.track if axle == "front" else car.track_rear or car.track

@@ -106,8 +106,8 @@ def _mean_grade(drives: Sequence[CalibrationDrive], car: Vehicle) -> float:
 def _tilt_by_gyro(drives: Sequence[CalibrationDrive], axis: int, leftward: Posterior) -> tuple[float, float] | None:
     """Roll (axis 0) or pitch (1) of the mounting by what the gyro across reads of turns, with its deviation [rad].
 
-    The body leans in a turn as well, in proportion to the lateral force, of which `left` says by how much. A gyro that
-    is not exactly across reads a share of the turn, too, which no drive can distinguish from a tilt.
+    The body leans in a turn as well, in proportion to the lateral force, of which `leftward` says by how much. A gyro
+    that is not exactly across reads a share of the turn, too, which no drive can distinguish from a tilt.
     """
     axis_across, sign = (1, 1.0) if axis == 0 else (0, -1.0)
     leaning = (leftward.values[1] - 1) / GRAVITY if axis == 0 else 0.0

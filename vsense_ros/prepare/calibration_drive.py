@@ -219,17 +219,17 @@ def _interpolated(time: Array, values: Array, t: Array) -> Array:
     period = _period(time)
     longest = max(CALIBRATION.longest_gap, CALIBRATION.longest_gap_periods * min(period, CALIBRATION.slowest))
     after = np.clip(np.searchsorted(time, t), 1, len(time) - 1)
-    near = time[after] - time[after - 1] <= longest
-    near &= (t >= time[0]) & (t <= time[-1])
+    covered = time[after] - time[after - 1] <= longest
+    covered &= (t >= time[0]) & (t <= time[-1])
     if period <= CALIBRATION.longest_gap / 2:
-        return np.where(near, np.interp(t, time, values), np.nan)
+        return np.where(covered, np.interp(t, time, values), np.nan)
     interpolated = np.full(len(t), np.nan)
     distinct = np.flatnonzero(np.diff(time, prepend=-np.inf) > 0)
     for piece in np.split(distinct, np.flatnonzero(np.diff(time[distinct]) > longest) + 1):
         inside = (t >= time[piece[0]]) & (t <= time[piece[-1]])
         if len(piece) >= 4 and inside.any():
             interpolated[inside] = interpolate.CubicSpline(time[piece], values[piece])(t[inside])
-    return np.where(near, interpolated, np.nan)
+    return np.where(covered, interpolated, np.nan)
 
 
 def _period(time: Array) -> float:

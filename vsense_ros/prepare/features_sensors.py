@@ -54,8 +54,8 @@ def _inertial(name: str, sensor: Imu) -> Iterator[Feature]:
 
 def beside_quarter_turns(angle: float) -> float:
     """What an angle [rad] is beside the quarter turn that somebody wrote with three digits; else the angle itself."""
-    beside = angle - round(angle / (pi / 2)) * pi / 2
-    return beside if abs(beside) < 2e-3 else angle
+    remainder = angle - round(angle / (pi / 2)) * pi / 2
+    return remainder if abs(remainder) < 2e-3 else angle
 
 
 def of_observer(car: Vehicle) -> Iterator[Feature]:

@@ -141,8 +141,8 @@ def mistakes(keys: Collection[str]) -> Iterator[Mistake]:
 
 def _tyre_mistakes(key: str) -> Iterator[Mistake]:
     """Wrong units of the force curves of one tyre, or of both."""
-    both = ("physics.front.tyre", "physics.rear.tyre")
-    for tyres in ((key,), both):
+    both_tyres = ("physics.front.tyre", "physics.rear.tyre")
+    for tyres in ((key,), both_tyres):
         yield Mistake("kN instead of N", tyres, _forces(tyres, 1e3))
         yield Mistake("N instead of kN", tyres, _forces(tyres, 1e-3))
         for direction, field, words, factor in _CURVES:

@@ -43,9 +43,9 @@ def observer(car: CatalogueValues, rules: Rules, numbers: dict[str, Estimated]) 
     }
     arms = chassis["cog_to_front_axle"], chassis["cog_to_rear_axle"]
     shares = arms[1] / car.wheelbase, arms[0] / car.wheelbase
-    off = [numbers[f"physics.{axle}.cornering_scale"].relative for axle in AXLES]
-    lateral = usual * hypot(*(share * error for share, error in zip(shares, off, strict=True)))
-    moments = [share * arm * error for share, arm, error in zip(shares, arms, off, strict=True)]
+    stiffness_errors = [numbers[f"physics.{axle}.cornering_scale"].relative for axle in AXLES]
+    lateral = usual * hypot(*(share * error for share, error in zip(shares, stiffness_errors, strict=True)))
+    moments = [share * arm * error for share, arm, error in zip(shares, arms, stiffness_errors, strict=True)]
     yaw = usual * chassis["mass"] * hypot(*moments) / chassis["yaw_inertia"]
     radius = numbers["physics.front.unloaded_radius"]
     spin = numbers["physics.front.wheel_spin_inertia"].value

@@ -20,7 +20,7 @@ def tyres(
     car: CatalogueValues, rules: Rules, of_body: dict[str, Estimated]
 ) -> tuple[dict[str, Any], dict[str, Estimated]]:
     """Tyre of each axle as in a vehicle file, by dotted path, and the scales of its stiffness and grip, in which all of
-    its uncertainty is; `known` are the numbers of the body. Raises `InputError` for a tyre that is too small."""
+    its uncertainty is; `of_body` are the numbers of the body. Raises `InputError` for a tyre that is too small."""
     models: dict[str, Any] = {}
     scales: dict[str, Estimated] = {}
     for axle, size in sizes(car).items():
@@ -72,13 +72,13 @@ def _tmeasy(nominal: float, capacity: float, size: TyreSize, rules: Rules) -> di
 
 def _curves(slopes: tuple[float, float], force: float, growth: float, rules: Rules) -> dict[str, dict[str, float]]:
     """Force curves at one and two nominal loads, from initial slopes and the largest force at the first."""
-    stretch, sliding, far = (rules[name].value for name in ("stretch", "sliding_share", "sliding_slip"))
+    stretch, sliding, sliding_slip = (rules[name].value for name in ("stretch", "sliding_share", "sliding_slip"))
     pair, first = {}, stretch * force / slopes[0]
     for name, slope, largest in (("nominal", slopes[0], force), ("double", slopes[1], growth * force)):
         slip = min(stretch * largest / slope, 1.8 * first)  # beyond twice it, curves at small loads would have none
         curve = {
             "initial_slope": slope, "maximum": largest, "slip_at_maximum": slip, "sliding": sliding * largest,
-            "slip_at_sliding": far * slip,
+            "slip_at_sliding": sliding_slip * slip,
         }  # fmt: skip
         pair[name] = {key: _rounded(value) for key, value in curve.items()}
     return pair

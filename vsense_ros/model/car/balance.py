@@ -34,8 +34,8 @@ class CarBalance:
         y = np.array([half[0], -half[0], half[1], -half[1]])
         # What forces at the contacts along, across and up (4 each) and moments about the vertical add up to.
         self._sums = np.zeros((16, 6))
-        for i, (force, about) in enumerate(((X, -y), (Y, x))):
-            self._sums[4 * i : 4 * i + 4, [force, ABOUT_Z]] = np.column_stack([np.ones(4), about])
+        for i, (force, lever) in enumerate(((X, -y), (Y, x))):
+            self._sums[4 * i : 4 * i + 4, [force, ABOUT_Z]] = np.column_stack([np.ones(4), lever])
         self._sums[8:12, [Z, ABOUT_X, ABOUT_Y]] = np.column_stack([np.ones(4), y, -x])
         self._sums[12:, ABOUT_Z] = 1.0
         weight, base = self.mass * GRAVITY, self._to_front + self._to_rear

@@ -64,8 +64,8 @@ def kinematics(q: ca.SX, u: ca.SX, disturbances: ca.SX) -> ca.SX:
     car moves on; z-y-x angles, singular at a pitch of 90°."""
     road, (velocity, turn, rates) = Road(disturbances), _over_road(q, u, disturbances)
     heading = ca.vertcat(ca.cos(q[YAW]), ca.sin(q[YAW]))
-    ahead, aside, _ = ca.vertsplit(road.to_level @ velocity)
-    east, north = heading[0] * ahead - heading[1] * aside, heading[1] * ahead + heading[0] * aside
+    ahead, sideways, _ = ca.vertsplit(road.to_level @ velocity)
+    east, north = heading[0] * ahead - heading[1] * sideways, heading[1] * ahead + heading[0] * sideways
     along, across, normal = ca.vertsplit(road.upward)
     yaw = (across * turn[1] + normal * rates[2]) / (1 - along**2)
     return ca.vertcat(east, north, velocity[Z], rates[0], rates[1], yaw, u[TRAVEL], u[SPIN])

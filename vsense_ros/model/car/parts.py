@@ -45,12 +45,12 @@ class CarInParts(Car):
         hubs = []
         for corner, place in zip(self.corners, self.places, strict=True):
             columns_of_wheel = ca.horzsplit(ca.reshape(self.columns[:, corner.index], 3, len(COLUMNS)))
-            within: Columns = {}
+            columns_in_table: Columns = {}
             for name, column in zip(COLUMNS, columns_of_wheel, strict=True):
                 value, slope, half_curvature = ca.vertsplit(column)
-                within[name] = value, slope, half_curvature
+                columns_in_table[name] = value, slope, half_curvature
             travel = self.q[TRAVEL][corner.index]
-            hub = hub_from_columns(within, place, corner.side, corner.centre, travel)
+            hub = hub_from_columns(columns_in_table, place, corner.side, corner.centre, travel)
             hubs.append(hub.turned(self._toe(corner)))
         return hubs
 

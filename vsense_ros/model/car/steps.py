@@ -104,8 +104,8 @@ def _missing_function(car: Car) -> ca.Function:
     """(…) → derivatives of u; inverse of the mass matrix; minus the derivative of the missing force by the state (14×28
     and sparse); rates of the dynamic coordinates by u (7×14, sparse)."""
     state = _symbols(car)
-    udot, inverse, direct, by_forces, by_motions, motions, beside, rates = _factors_function(car)(*state)
-    missing, by_state = direct, by_motions @ motions + beside
+    udot, inverse, direct, by_forces, by_motions, motions, tyres_by_state, rates = _factors_function(car)(*state)
+    missing, by_state = direct, by_motions @ motions + tyres_by_state
     # A product for each tyre, which vectors do all at once, or one for the virtual machine.
     tyres = [slice(None)] if car.placement.is_constant() else [slice(4 * i, 4 * i + 4) for i in range(len(WHEELS))]
     for tyre in tyres:
@@ -130,7 +130,7 @@ def _factors_function(car: Car) -> ca.Function:
     missing, tyres = -car.missing_force(udot, forces), ca.vec(car.tyre_forces(motions))
     parts = [by_state(missing), ca.jacobian(missing, ca.vec(forces)), ca.jacobian(tyres, ca.vec(motions))]
     in_parts = ca.Function("parts", [*arguments, udot, forces, motions], [*parts, by_state(tyres)])
-    *parts, beside = in_parts(*arguments, car.dynamics, car.tyre_forces(car.tyre_motions), car.tyre_motions)
+    *parts, tyres_by_state = in_parts(*arguments, car.dynamics, car.tyre_forces(car.tyre_motions), car.tyre_motions)
     # Joints first: they are coupled with each other through the chassis only, which keeps the factors sparse.
     joints = (joint.start + corner for corner in range(len(WHEELS)) for joint in (SPIN, TRAVEL))
     order = [*joints, *range(TWIST.stop)]
@@ -139,7 +139,14 @@ def _factors_function(car: Car) -> ca.Function:
         inverse_spd(ca.jacobian(car.inertia_times(udot), udot)[order, order])[original_order, original_order]
     )
     rates = ca.jacobian(_dynamic(car.kinematics), car.u)
-    results = [ca.densify(car.dynamics), inverse, *parts, by_state(ca.vec(car.steady_tyre_motions)), beside, rates]
+    results = [
+        ca.densify(car.dynamics),
+        inverse,
+        *parts,
+        by_state(ca.vec(car.steady_tyre_motions)),
+        tyres_by_state,
+        rates,
+    ]
     return ca.Function("factors", arguments, results, {"cse": True})
 
 
@@ -335,8 +342,8 @@ def _compiled(
     four at once. Their expressions are made only if the cache does not have them for a car with this identity."""
 
     def source() -> str:
-        alike = car.corners_alike
-        return codegen.native_source(make(alike), corners_of(alike))
+        generic_car = car.corners_alike
+        return codegen.native_source(make(generic_car), corners_of(generic_car))
 
     return codegen.loaded(name, source, names, car.identity or codegen.identity_of(make(car)))
 

@@ -69,10 +69,10 @@ def table_guide(
     return hub_from_columns(columns_within(axle, place), place, side, design, travel)
 
 
-def hub_from_columns(within: Columns, place: TablePlace, side: ca.SX, design: ca.SX, travel: ca.SX) -> HubMotion:
+def hub_from_columns(columns: Columns, place: TablePlace, side: ca.SX, design: ca.SX, travel: ca.SX) -> HubMotion:
     """The motion of a hub as `table_guide` gives it, from the columns that `columns_within` gives at a place of the
     tables."""
-    at = columns_beyond(within, place)
+    at = columns_beyond(columns, place)
     x, y = at["x"], [side * v for v in at["y"]]
     # The hub is turned by toe about z, lean about the horizontal line forwards, and pitch about the axle.
     toe, lean, pitch = ([side * v for v in at["toe"]], [-side * v for v in at["camber"]], [-v for v in at["caster"]])

@@ -27,8 +27,8 @@ class GyroBias(Effect):
         return dict.fromkeys("xyz", deviation)
 
     def sensors(self, sensors: dict[str, SensorBase]) -> dict[str, SensorBase]:
-        def off(imu: Imu) -> dict[str, object]:
+        def with_bias(imu: Imu) -> dict[str, object]:
             x, y, z = imu.rate_offset
             return {"rate_offset": (x + self.x, y + self.y, z + self.z)}
 
-        return of_kind(sensors, "imu", off)
+        return of_kind(sensors, "imu", with_bias)

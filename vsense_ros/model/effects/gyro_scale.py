@@ -21,8 +21,8 @@ class GyroScale(Effect):
     z: float = size("-", "relative error of the gyro about z", typical=0.02, high=0.5)
 
     def sensors(self, sensors: dict[str, SensorBase]) -> dict[str, SensorBase]:
-        def off(imu: Imu) -> dict[str, object]:
+        def with_scale(imu: Imu) -> dict[str, object]:
             x, y, z = imu.rate_scale
             return {"rate_scale": (x + self.x, y + self.y, z + self.z)}
 
-        return of_kind(sensors, "imu", off)
+        return of_kind(sensors, "imu", with_scale)

@@ -22,6 +22,6 @@ class PayloadOffset(Effect):
     moment: float = size("kg m", "mass times its offset to the left", typical=30.0, high=3000.0)
 
     def chassis(self, mass: ca.SX, moment: ca.SX, inertia: ca.SX) -> tuple[ca.SX, ca.SX, ca.SX]:
-        beside = moment + ca.vertcat(0, self.moment, 0)
-        before, after = skew(moment), skew(beside)
-        return mass, beside, inertia + (before @ before - after @ after) / mass  # by Steiner's theorem
+        moved_moment = moment + ca.vertcat(0, self.moment, 0)
+        before, after = skew(moment), skew(moved_moment)
+        return mass, moved_moment, inertia + (before @ before - after @ after) / mass  # by Steiner's theorem

@@ -51,12 +51,12 @@ class SensorDelay(Effect):
             for name, sensor in sensors.items()
         }
 
-        def apart(imu: Imu) -> dict[str, object]:
+        def with_latencies(imu: Imu) -> dict[str, object]:
             return {
                 "rate_latency": imu.rate_latency + self.gyro, "force_latency": imu.force_latency + self.accelerometer
             }  # fmt: skip
 
-        return of_kind(late, "imu", apart)
+        return of_kind(late, "imu", with_latencies)
 
     def left_out_of_observer(self, sensors: Collection[SensorBase]) -> str:
         if self.gyro != 0 or self.accelerometer != 0:

@@ -40,12 +40,12 @@ class TyreRelaxation(Effect):
         after = []
         for corner, contact in zip(car.corners, car.contacts, strict=True):
             lagged, before = internal_state[4 * corner.index], internal_state[4 * corner.index + 1]
-            now = contact.touch.speed_y * corner.axle.cornering_scale
+            present = contact.touch.speed_y * corner.axle.cornering_scale
             rolled = h * transport_speed(contact.rolling_speed, STANDSTILL)
             ratio = rolled / ca.fmax(of_axle(self, corner), SLIP.shortest_relaxation)
             decay = ca.exp(-ratio)
             share = 1 - (1 - decay) / ratio
-            lagged = lagged + (1 - decay) * (before - lagged) + share * (now - before)
-            constant = lagged + (1 - ca.sqrt(decay)) * (now - lagged) - share * now
-            after += [lagged, now, constant, share]
+            lagged = lagged + (1 - decay) * (before - lagged) + share * (present - before)
+            constant = lagged + (1 - ca.sqrt(decay)) * (present - lagged) - share * present
+            after += [lagged, present, constant, share]
         return ca.vertcat(*after)

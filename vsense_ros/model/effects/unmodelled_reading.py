@@ -23,13 +23,13 @@ class _UnmodelledReading(Effect):
 
     def sensors(self, sensors: dict[str, SensorBase]) -> dict[str, SensorBase]:
         def with_defects(imu: Imu) -> dict[str, object]:
-            besides = {
+            defects = {
                 "force_scale": tuple(getattr(self, f"accelerometer_{a}_scale") for a in _AXES),
                 "force_square": tuple(getattr(self, f"accelerometer_{a}_square") for a in _AXES),
                 "force_odd_square": (*(getattr(self, f"accelerometer_{a}_odd_square") for a in "xy"), 0.0),
                 "rate_by_force": tuple((*(getattr(self, f"gyro_{a}_by_{b}") for b in "xy"), 0.0) for a in _AXES),
             }
-            return {name: tuple(_sum(getattr(imu, name), more)) for name, more in besides.items()}
+            return {name: tuple(_sum(getattr(imu, name), defect)) for name, defect in defects.items()}
 
         return of_kind(sensors, "imu", with_defects)
 
@@ -53,10 +53,10 @@ def _fields() -> dict[str, Any]:
                 float,
                 size("1/(m/s²)", f"{square} to either side", typical=0.003, high=0.1),
             )
-    for axis, about in _AXES.items():
+    for axis, direction in _AXES.items():
         for along in "xy":
             fields[f"gyro_{axis}_by_{along}"] = float, size(
-                "rad/s/(m/s²)", f"a reading of the {about} rate that follows the {_ALONG[along]} acceleration",
+                "rad/s/(m/s²)", f"a reading of the {direction} rate that follows the {_ALONG[along]} acceleration",
                 typical=0.001, high=0.1,
             )  # fmt: skip
     return fields

@@ -118,11 +118,11 @@ class Best4Dof:
         yaw = (to_front * front - (p.wheelbase - to_front) * rear + p.half_track * turning) / p.yaw_inertia
         swung = 0.0 if self.as_printed else h * x.roll
         yaw -= swung * total_x / p.yaw_inertia
-        through = x.yaw_rate * (x.speed + swung * x.yaw_rate)  # acceleration towards the middle of the turn
+        centripetal = x.yaw_rate * (x.speed + swung * x.yaw_rate)  # acceleration towards the middle of the turn
         # eqs. 15 and 17 are linear in the lateral and the roll acceleration: [M, -M h; -M h, I] of these is
-        side = total_y - mass * through
+        side = total_y - mass * centripetal
         rolling = (
-            mass * h * through + mass * GRAVITY * h * x.roll + axis * total_y
+            mass * h * centripetal + mass * GRAVITY * h * x.roll + axis * total_y
             + p.half_track * (loads[0] + loads[2] - loads[1] - loads[3])
         )  # fmt: skip
         det = mass * p.roll_inertia - (mass * h) ** 2
@@ -131,7 +131,7 @@ class Best4Dof:
         if not self.as_printed:
             ahead_rate -= swinging
         lag = [
-            [(steady - now) / p.lag for steady, now in zip(pair, (fx, fy), strict=True)]
+            [(steady - present) / p.lag for steady, present in zip(pair, (fx, fy), strict=True)]
             for pair, fx, fy in zip(self.steady_forces(x, u, p, loads), *self.tyre_forces(x), strict=True)
         ]
         return [

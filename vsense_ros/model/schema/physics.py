@@ -115,16 +115,16 @@ class NominalPhysics(Part):
             ("pitch_inertia", chassis.pitch_inertia, pitch, wheelbase),
             ("yaw_inertia", chassis.yaw_inertia, yaw, wheelbase),
         ):
-            most = chassis.mass * length**2
+            largest = chassis.mass * length**2
             if value <= least:
                 raise ValueError(
                     f"chassis.{name} is {value:g} kg m², but hubs and wheels alone have {least:.4g} kg m²; "
                     "the inertia of the whole car is expected"
                 )
-            if value >= most:
+            if value >= largest:
                 raise ValueError(
                     f"chassis.{name} is {value:g} kg m², but with all mass {length:g} m away from cog it would be "
-                    f"{most:.4g} kg m²; is the unit kg m²?"
+                    f"{largest:.4g} kg m²; is the unit kg m²?"
                 )
         for place, axle, arm in (("front", self.front, arms[1]), ("rear", self.rear, arms[0])):
             load = chassis.mass * GRAVITY * arm / wheelbase / 2

@@ -162,9 +162,9 @@ def place_in_tables(tables: SuspensionTables, travel: ca.SX, steering: ca.SX) ->
     low, high = tables.travel
     half = (high - low) / 2
     along = (travel - (low + high) / 2) / half
-    within = ca.fmin(ca.fmax(along, -1), 1)
+    inside_table = ca.fmin(ca.fmax(along, -1), 1)
     across = ca.fmin(ca.fmax(steering / tables.steering, -1), 1)
-    return TablePlace(along, within, across, half)
+    return TablePlace(along, inside_table, across, half)
 
 
 def columns_within(table: Coefficients, place: TablePlace) -> Columns:
@@ -174,7 +174,7 @@ def columns_within(table: Coefficients, place: TablePlace) -> Columns:
     }
 
 
-def columns_beyond(within: Columns, place: TablePlace) -> Columns:
+def columns_beyond(columns: Columns, place: TablePlace) -> Columns:
     """Value, first and second derivative by the travel of each column, beyond the tables too."""
     inside = place.within == place.along
     return {
@@ -183,7 +183,7 @@ def columns_beyond(within: Columns, place: TablePlace) -> Columns:
             slope / place.half,
             ca.if_else(inside, 2 * half_curvature / place.half**2, 0),
         )
-        for name, (value, slope, half_curvature) in within.items()
+        for name, (value, slope, half_curvature) in columns.items()
     }
 
 

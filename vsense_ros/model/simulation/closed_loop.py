@@ -147,8 +147,9 @@ def simulate(
     inverse = np.zeros(COORDINATES**2)
     h = np.array([step])
     advance = Kernel(functions["advance"], [*arguments, h, inverse, by_q.reshape(-1, order="F")])
-    between = np.zeros(len(INPUTS))  # the internal state belongs to the beginning of a step, inputs to its middle
-    beginning = [*arguments[:4], between, *arguments[5:], h]
+    # The internal state belongs to the beginning of a step, inputs to its middle.
+    inputs_at_begin = np.zeros(len(INPUTS))
+    beginning = [*arguments[:4], inputs_at_begin, *arguments[5:], h]
     move_on = Kernel(functions["internal_state"], beginning) if internal_state.size else None
     unit = np.eye(COORDINATES)
 
@@ -166,9 +167,9 @@ def simulate(
             around[_SLOPES] = constant[_SLOPES] + np.sum(
                 [effect.slope(now_q[YAW] - set_out) for effect in road], axis=0
             )
-        between[:] = inputs
+        inputs_at_begin[:] = inputs
         inputs[:] = driver((i + 0.5) * step, now_q.copy(), now_u.copy())
-        between[:] = (between + inputs) / 2 if i else inputs
+        inputs_at_begin[:] = (inputs_at_begin + inputs) / 2 if i else inputs
         if move_on is not None:
             move_on.call()
             internal_state[:] = move_on.results[0][:, 0]

@@ -76,8 +76,8 @@ class Differences:
         """Runs with their motions, and the Jacobians along these, several side by side."""
         linearized: list[Known] = []
         for begin in range(0, len(runs), self._loop.lanes):
-            together = slice(begin, begin + self._loop.lanes)
-            linearized += self._known(runs[together], motions[together])
+            lanes = slice(begin, begin + self._loop.lanes)
+            linearized += self._known(runs[lanes], motions[lanes])
         return linearized
 
     def _known(self, runs: Sequence[Run], motions: Sequence[StateHistory]) -> list[Known]:

@@ -180,17 +180,17 @@ class FullCarPlant:
         axes = _axes(around[GRADE], around[BANK])  # as they stood during the step, turned by yaw from the map's
         turn = _rotation(0.0, 0.0, self._heading)
         road = turn @ axes
-        way = np.array([q[X], q[Y], 0.0]) - self._origin  # of cog, along the plane of the step
+        moved = np.array([q[X], q[Y], 0.0]) - self._origin  # of cog, along the plane of the step
         unturn = _rotation(0.0, 0.0, -self._heading)
-        place = self._foot + road @ (unturn @ way) + road[:, 2] * q[Z]
+        place = self._foot + road @ (unturn @ moved) + road[:, 2] * q[Z]
         body = road @ _rotation(q[ROLL], q[PITCH], q[YAW] - self._heading)
         heading = float(np.arctan2(body[1, 0], body[0, 0]))
         foot = place[:2].copy()
         for _ in range(3):
             grade, bank, _, _, height = surface.under(foot[0], foot[1], heading)
             road_axes = _rotation(0.0, 0.0, heading) @ _axes(grade, bank)
-            over = (place[2] - height) / road_axes[2, 2]
-            foot = place[:2] - road_axes[:2, 2] * over
+            height_over_road = (place[2] - height) / road_axes[2, 2]
+            foot = place[:2] - road_axes[:2, 2] * height_over_road
             ahead = road_axes.T @ body[:, 0]
             heading += float(np.arctan2(ahead[1], ahead[0]))
         around[ROAD] = surface.under(foot[0], foot[1], heading)
@@ -198,9 +198,9 @@ class FullCarPlant:
         over_road = road_axes.T @ body
         self._foot = np.array([*foot, around[ROAD_HEIGHT]])
         self._origin, self._heading = np.array([*place[:2], 0.0]), heading
-        over = float((place - self._foot) @ road_axes[:, 2])
+        height_over_road = float((place - self._foot) @ road_axes[:, 2])
         roll, pitch = np.arctan2(over_road[2, 1], over_road[2, 2]), -np.arcsin(over_road[2, 0])
-        return np.array([*place[:2], over, roll, pitch, heading])
+        return np.array([*place[:2], height_over_road, roll, pitch, heading])
 
     def _stand(self, surface: Surface) -> None:
         """The road's axes where the car is put."""

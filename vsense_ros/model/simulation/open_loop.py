@@ -132,10 +132,8 @@ class OpenLoop:
         order = sorted(range(len(runs)), key=lambda i: len(runs[i].inputs))
         count = self._compiled.lanes
         for begin in range(0, len(order), count):
-            together = order[begin : begin + count]
-            self._compiled.run(
-                [runs[i] for i in together], [motions[i] for i in together], self.keep, self.renew, self.place
-            )
+            lanes = order[begin : begin + count]
+            self._compiled.run([runs[i] for i in lanes], [motions[i] for i in lanes], self.keep, self.renew, self.place)
         return motions
 
     def _motion(self, run: Run) -> StateHistory:
@@ -156,8 +154,8 @@ class OpenLoop:
         linearize, accelerations = (Kernel(functions[name], arguments) for name in ("linearize", "accelerations"))
         _, by_q, by_u, by_q_rates = linearize.results
         # The internal state belongs to the beginning of a step, inputs to its middle.
-        between, before = np.zeros(len(INPUTS)), np.zeros(len(INPUTS))
-        from_beginning = [*arguments[:4], between, *arguments[5:], h]
+        inputs_at_begin, before = np.zeros(len(INPUTS)), np.zeros(len(INPUTS))
+        from_beginning = [*arguments[:4], inputs_at_begin, *arguments[5:], h]
         move_on = Kernel(functions["internal_state"], from_beginning) if internal_state.size else None
         advance = Kernel(functions["advance"], [*arguments, h, inverse, by_q.reshape(-1, order="F")])
         unit, scale = np.eye(size), GAMMA * inputs.step
@@ -168,7 +166,7 @@ class OpenLoop:
             if inputs.gain is not None and inputs.target is not None:
                 driving[TORQUES] += inputs.gain[i] * (inputs.target[i] - now_u[SPIN].mean())
             if move_on is not None:
-                between[:] = (before + driving) / 2 if i else driving
+                inputs_at_begin[:] = (before + driving) / 2 if i else driving
                 before[:] = driving
                 move_on.call()
                 internal_state[:] = move_on.results[0][:, 0]
@@ -268,9 +266,9 @@ def varying_of(run: Run, names: Sequence[str], places: NDArray[np.int64]) -> Arr
 @cache
 def _functions(car: Car) -> dict[str, ca.Function]:
     """Straight code on scalars. Of the Jacobians only those that a step needs."""
-    every = linearize_function(car).expand()
-    state = [ca.SX.sym(every.name_in(i), *every.size_in(i)) for i in range(every.n_in())]
-    udot, by_q, by_u, _, by_q_rates = every(*state)
+    linearize = linearize_function(car).expand()
+    state = [ca.SX.sym(linearize.name_in(i), *linearize.size_in(i)) for i in range(linearize.n_in())]
+    udot, by_q, by_u, _, by_q_rates = linearize(*state)
     functions = [
         ca.Function("linearize", state, [udot, by_q, by_u, by_q_rates]),
         accelerations_function(car).expand(),
@@ -298,12 +296,12 @@ def _compiled(car: Car) -> _Compiled | None:
     folder = resources.files("vsense_ros.model.simulation")
     loops = (folder.joinpath(name).read_text(encoding="utf-8") for name in ("open_loop.c", "differences.c"))
     code = "\n".join((defined, *loops))
-    every = list(functions.values())
+    all_functions = list(functions.values())
     built = codegen.library(
         "open_loop",
-        lambda: f"{simd.source(every)}\n{code}",
+        lambda: f"{simd.source(all_functions)}\n{code}",
         codegen.vector_math(),
-        identity=f"{codegen.identity_of(every)}\n{code}",
+        identity=f"{codegen.identity_of(all_functions)}\n{code}",
     )
     if built is None:
         return None

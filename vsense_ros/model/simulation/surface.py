@@ -25,17 +25,17 @@ class Surface(ABC):
         along and across it (do Carmo 1976, section 3-3).
         """
         height, gradient, second = self.shape(x, y)
-        way = np.array([np.cos(heading), np.sin(heading)])
-        slope = float(gradient @ way)
-        ahead = np.array([*way, slope]) / np.sqrt(1 + slope**2)
+        direction = np.array([np.cos(heading), np.sin(heading)])
+        slope = float(gradient @ direction)
+        ahead = np.array([*direction, slope]) / np.sqrt(1 + slope**2)
         steepness = float(np.sqrt(1 + gradient @ gradient))
-        aside = np.cross(np.array([*-gradient, 1.0]) / steepness, ahead)
+        sideways = np.cross(np.array([*-gradient, 1.0]) / steepness, ahead)
         bent = second @ ahead[:2] / steepness
         return (
             float(np.arcsin(ahead[2])),
-            float(np.arcsin(aside[2])),
+            float(np.arcsin(sideways[2])),
             float(bent @ ahead[:2]),
-            float(bent @ aside[:2]),
+            float(bent @ sideways[:2]),
             height,
         )
 

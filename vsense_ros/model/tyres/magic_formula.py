@@ -163,13 +163,13 @@ class MagicFormula(Tyre):
 
     def _conditions(self, load: Scalar, friction: Scalar) -> _Conditions:
         """Load and pressure against their nominal values, and the friction of road and tyre."""
-        within = ca.fmin(ca.fmax(load, self.smallest_load), self.largest_load)
+        limited_load = ca.fmin(ca.fmax(load, self.smallest_load), self.largest_load)
         nominal = self.scaling.lfzo * self.nominal_load  # 4.E1
         return _Conditions(
-            load=within,
+            load=limited_load,
             contact=ca.fmin(ca.fmax(load, 0) / self.smallest_load, 1),
             nominal=nominal,
-            dfz=(within - nominal) / nominal,  # 4.E2a
+            dfz=(limited_load - nominal) / nominal,  # 4.E2a
             dpi=(self.inflation_pressure - self.nominal_pressure) / self.nominal_pressure,  # 4.E2b
             grip_x=self.scaling.lmux * friction,
             grip_y=self.scaling.lmuy * friction,

@@ -74,14 +74,14 @@ class LoadPair(Part):
         # Forces over load and slips are linear in the load, so looking at the ends of the range is enough.
         for ratio in (0.0, LARGEST_LOAD_RATIO):
             force = {
-                name: 2 * near - far / 2 - (near - far / 2) * ratio
+                name: 2 * at_nominal - at_double / 2 - (at_nominal - at_double / 2) * ratio
                 for name in ("initial_slope", "maximum", "sliding")
-                for near, far in [(getattr(self.nominal, name), getattr(self.double, name))]
+                for at_nominal, at_double in [(getattr(self.nominal, name), getattr(self.double, name))]
             }
             slip = {
-                name: near + (far - near) * (ratio - 1)
+                name: at_nominal + (at_double - at_nominal) * (ratio - 1)
                 for name in ("slip_at_maximum", "slip_at_sliding")
-                for near, far in [(getattr(self.nominal, name), getattr(self.double, name))]
+                for at_nominal, at_double in [(getattr(self.nominal, name), getattr(self.double, name))]
             }
             for name, value in (force | slip).items():
                 if value <= 0:
@@ -103,13 +103,13 @@ class LoadPair(Part):
 
     def at(self, load_ratio: Scalar, friction: Scalar) -> CurveAtLoad:
         """The curve under a load over the nominal one, on a road with that grip."""
-        near, far = self.nominal, self.double
+        nominal, double = self.nominal, self.double
         return CurveAtLoad(
             initial_slope=self.initial_slope(load_ratio),
-            maximum=friction * _force_at_load(near.maximum, far.maximum, load_ratio),
-            slip_at_maximum=friction * _slip_at_load(near.slip_at_maximum, far.slip_at_maximum, load_ratio),
-            sliding=friction * _force_at_load(near.sliding, far.sliding, load_ratio),
-            slip_at_sliding=friction * _slip_at_load(near.slip_at_sliding, far.slip_at_sliding, load_ratio),
+            maximum=friction * _force_at_load(nominal.maximum, double.maximum, load_ratio),
+            slip_at_maximum=friction * _slip_at_load(nominal.slip_at_maximum, double.slip_at_maximum, load_ratio),
+            sliding=friction * _force_at_load(nominal.sliding, double.sliding, load_ratio),
+            slip_at_sliding=friction * _slip_at_load(nominal.slip_at_sliding, double.slip_at_sliding, load_ratio),
         )
 
 
@@ -225,6 +225,6 @@ def _force_over_slip(curve: CurveAtLoad, slip: Scalar) -> Scalar:
     steepness = curve.initial_slope * curve.slip_at_maximum / curve.maximum
     rising = curve.initial_slope / (1 + adhesion * (adhesion + steepness - 2))
     to_sliding = curve.slip_at_sliding - curve.slip_at_maximum
-    beyond = ca.fmin(ca.fmax((slip - curve.slip_at_maximum) / to_sliding, 0), 1)
-    falling = (curve.maximum - (curve.maximum - curve.sliding) * beyond**2 * (3 - 2 * beyond)) / slip
+    sliding_share = ca.fmin(ca.fmax((slip - curve.slip_at_maximum) / to_sliding, 0), 1)
+    falling = (curve.maximum - (curve.maximum - curve.sliding) * sliding_share**2 * (3 - 2 * sliding_share)) / slip
     return ca.if_else(slip < curve.slip_at_maximum, rising, falling)

@@ -69,12 +69,12 @@ NO_DYNAMIC_BIAS = Measurement(
 )
 
 
-def triple(velocity: NavigationSpace, *more: Measurement) -> Definition:
+def triple(velocity: NavigationSpace, *further: Measurement) -> Definition:
     """The three filters with this velocity filter and further measurements of it."""
     parts = {
         "wheels": (WheelSpeedEkf(), (*B2, YAW_OF_GYRO)),
         "heading": (YawKkf(), (COURSE,)),
-        "velocity": (velocity, (VELOCITY, HELD_LATERAL, ROLLING, *more)),
+        "velocity": (velocity, (VELOCITY, HELD_LATERAL, ROLLING, *further)),
     }
     return Definition(parts, (RATE,), (PASSED_YAW, TURNED, OF_WHEELS), (remembered("heading"),))
 
