@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import json
 import time
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -28,19 +28,20 @@ from vsense_ros.identification.information import Information, Refusal, informat
 from vsense_ros.identification.open_loop import OpenLoop
 from vsense_ros.identification.progress import Progress
 from vsense_ros.identification.rinsing import (
-    RINSING,
     Drive,
     Identifier,
     Kind,
-    Literal2016,
+    Noise,
+    Pass,
     Rinsed,
-    literal_noise,
+    Schedule,
     rinse,
 )
 from vsense_ros.model.handling import best_4dof
 from vsense_ros.model.handling.best_4dof import PAPER, REACH, SYMBOLS, Best4Dof
 
 SEEDS = (0, 1, 2)
+PAPER_DENSITY = 1e-7  # of the paper's P(0) and Q, in the units of its table
 SECONDS = 100.0  # of the drive
 WRONG = 0.3  # of its value, by which a parameter may be off at the start
 FREE = tuple(SYMBOLS)
@@ -182,6 +183,34 @@ def repeat(
     )  # fmt: skip
 
 
+@dataclass(frozen=True)
+class Literal2016(Schedule):
+    """The paper's: P(0) = Q = 1e-7 I in the units of its table before every pass, R the variance of the innovations of
+    the pass before, and so many passes whatever they change."""
+
+    units: tuple[float, ...] = ()  # of the free parameters in SI, (p,)
+    passes: int = 200
+    ends: bool = False  # where the curves stand still
+
+    def deviations(self, index: int, scales: Array) -> Array:
+        """Deviations of the free parameters before this pass, (p,)."""
+        return PAPER_DENSITY**0.5 * np.array(self.units)
+
+    def may_end(self, index: int) -> bool:
+        """True if a pass in which nothing moves may be the last."""
+        return self.ends
+
+    def variance(self, before: Pass | None, outputs: Sequence[float]) -> Array:
+        """Variance of the innovations of the pass before, (m,)."""
+        return super().variance(None, outputs) if before is None else before.variance
+
+
+def literal_noise(outputs: Sequence[float], units: Sequence[float], states: Sequence[str]) -> Noise:
+    """The paper's: P(0) = Q = 1e-7 I in these units (n,) of the states."""
+    deviations = PAPER_DENSITY**0.5 * np.asarray(units, dtype=float)
+    return Noise(outputs, deviations, dict(zip(states, deviations.tolist(), strict=True)))
+
+
 def literally(drive: Drive, free: tuple[str, ...], kind: Kind = "extended", passes: int = 200) -> Rinsed:
     """The paper's settings, from a start that is 4 to 12 % off."""
     random = np.random.default_rng(1)
@@ -191,7 +220,7 @@ def literally(drive: Drive, free: tuple[str, ...], kind: Kind = "extended", pass
     peak = best_4dof.curves(PAPER).max(axis=1)[:, None]
     one = Identifier(
         Best4Dof(), start, free, literal_noise((0.2, 0.2, 0.02), STATE_UNITS, Best4Dof.states), kind=kind,
-        curves=lambda p: best_4dof.curves(p) / peak, drifts=RINSING.paper_density**0.5 * units,
+        curves=lambda p: best_4dof.curves(p) / peak, drifts=PAPER_DENSITY**0.5 * units,
     )  # fmt: skip
     return rinse(one, [replace(drive, every=1)], Literal2016(units=tuple(units.tolist()), passes=passes))
 

@@ -21,7 +21,7 @@ from vsense_ros.assess.drives import trajectory
 from vsense_ros.files.installed import vehicle_path
 from vsense_ros.files.vehicle import load_vehicle
 from vsense_ros.model.coordinates import SPEED_X, SPEED_Y, SPIN, STEERING, TORQUES, YAW, YAW_RATE
-from vsense_ros.model.handling.base import HandlingModel, car_numbers, static_loads, steered_wheels
+from vsense_ros.model.handling.base import HandlingModel, car_numbers, static_loads
 from vsense_ros.model.handling.bicycle_2dof import Bicycle2Dof, system_matrices
 from vsense_ros.model.handling.bicycle_3dof import Bicycle3Dof
 from vsense_ros.model.handling.bicycle_5dof import Bicycle5Dof
@@ -99,6 +99,16 @@ def handling_models(car: Vehicle) -> dict[str, tuple[HandlingModel, Response]]:
         TwinTrack7Dof.of_vehicle(car),
     )  # fmt: skip
     return {name: (model, Response(model, model.numbers(car))) for name, model in zip(MODELS, models, strict=True)}
+
+
+def steered_wheels(vehicle: Vehicle, angle: Array) -> tuple[Array, Array]:
+    """Angles of the left and the right front wheel (n,) for mean angles (n,) [rad], by the vehicle's share of
+    Ackermann's geometry; suspension tables are left out."""
+    physics = vehicle.physics
+    wheelbase = physics.chassis.cog_to_front_axle + physics.chassis.cog_to_rear_axle
+    share, tangent, half = physics.steering.ackermann, np.tan(angle), physics.front.track / 2
+    left, right = (np.arctan2(wheelbase * tangent, wheelbase - side * half * tangent) for side in (1, -1))
+    return (1 - share) * angle + share * left, (1 - share) * angle + share * right
 
 
 def plant_inputs(model: HandlingModel, car: Vehicle, drive: Trajectory) -> Array:

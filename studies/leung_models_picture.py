@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
@@ -14,11 +14,13 @@ from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
 from studies import leung_models as leung
-from vsense_ros.evaluate.handling_picture import bode, draw_bode
+from vsense_ros.evaluate.handling_picture import bode
 from vsense_ros.evaluate.picture import MUTED, STYLE, TRUTH
 from vsense_ros.evaluate.tyre_rig import TyreRig
+from vsense_ros.files.names import drawn as printable_title
 from vsense_ros.model.coordinates import ROLL, SPEED_X, SPEED_Y, SPIN, STEERING, WHEEL_OUTPUTS, YAW_RATE
 from vsense_ros.model.handling.base import slopes, static_loads
+from vsense_ros.model.handling.response import Response
 
 Array = NDArray[np.float64]
 Progress = Callable[[float], None]
@@ -253,3 +255,22 @@ def _map(panel: Any, x: Sequence[float] | Array, y: Sequence[float] | Array, val
     panel.plot(0, 0, "+", color="white", ms=9)
     panel.grid(False)
     return drawn
+
+
+def draw_bode(responses: Mapping[str, Response], title: str, path: Path) -> Path:
+    """Draw the Bode plot of each model by itself, magnitude above and phase below."""
+    with matplotlib.rc_context(dict(STYLE)):
+        figure = Figure(figsize=(3.1 * len(responses) + 1, 7), layout="constrained")
+        FigureCanvasAgg(figure)
+        figure.suptitle(printable_title(title), x=0.01, ha="left", fontsize=12, fontweight="bold")
+        panels = figure.subplots(2, len(responses), sharex=True, sharey="row", squeeze=False)
+        for i, (name, response) in enumerate(responses.items()):
+            bode({"": response}, panels[0][i], panels[1][i])
+            panels[0][i].set_title(name)
+            panels[0][i].set_xlabel("")
+            panels[1][i].set_title("")
+            if i:
+                panels[0][i].get_legend().remove()
+        path.parent.mkdir(parents=True, exist_ok=True)
+        figure.savefig(path, dpi=90)
+    return path

@@ -3,17 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from pathlib import Path
 
-import matplotlib
 import numpy as np
 from matplotlib import colormaps
 from matplotlib.axes import Axes
-from matplotlib.backends.backend_agg import FigureCanvasAgg
-from matplotlib.figure import Figure
 
-from vsense_ros.evaluate.picture import MUTED, STYLE
-from vsense_ros.files.names import drawn
+from vsense_ros.evaluate.picture import MUTED
 from vsense_ros.model.handling.response import Response
 
 SPEEDS = tuple(range(10, 101, 10))  # [km/h]
@@ -51,22 +46,3 @@ def bode(
     for panel in (size, phase):
         panel.set_xscale("log")
         panel.set_xlabel("frequency [rad/s]")
-
-
-def draw_bode(responses: Mapping[str, Response], title: str, path: Path) -> Path:
-    """Draw the Bode plot of each model by itself, magnitude above and phase below."""
-    with matplotlib.rc_context(dict(STYLE)):
-        figure = Figure(figsize=(3.1 * len(responses) + 1, 7), layout="constrained")
-        FigureCanvasAgg(figure)
-        figure.suptitle(drawn(title), x=0.01, ha="left", fontsize=12, fontweight="bold")
-        panels = figure.subplots(2, len(responses), sharex=True, sharey="row", squeeze=False)
-        for i, (name, response) in enumerate(responses.items()):
-            bode({"": response}, panels[0][i], panels[1][i])
-            panels[0][i].set_title(name)
-            panels[0][i].set_xlabel("")
-            panels[1][i].set_title("")
-            if i:
-                panels[0][i].get_legend().remove()
-        path.parent.mkdir(parents=True, exist_ok=True)
-        figure.savefig(path, dpi=90)
-    return path

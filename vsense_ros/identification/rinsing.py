@@ -42,7 +42,6 @@ class RinsingSettings:
     pieces: int = 20  # of a drive, whose estimates are compared with each other
     attempts: int = 4  # at a pass that cannot go on
     history: int = 10  # samples between two of the memory that is kept of a pass
-    paper_density: float = 1e-7  # of the paper's P(0) and Q, in the units of its table
 
 
 RINSING = RinsingSettings()
@@ -138,28 +137,6 @@ class Schedule:
     def variance(self, before: Pass | None, outputs: Sequence[float]) -> Array:
         """Variance of the outputs (m,), after the pass before."""
         return np.square(np.asarray(outputs, dtype=float))
-
-
-@dataclass(frozen=True)
-class Literal2016(Schedule):
-    """The paper's: P(0) = Q = 1e-7 I in the units of its table before every pass, R the variance of the innovations of
-    the pass before, and so many passes whatever they change."""
-
-    units: tuple[float, ...] = ()  # of the free parameters in SI, (p,)
-    passes: int = 200
-    ends: bool = False  # where the curves stand still
-
-    def deviations(self, index: int, scales: Array) -> Array:
-        """Deviations of the free parameters before this pass, (p,)."""
-        return RINSING.paper_density**0.5 * np.array(self.units)
-
-    def may_end(self, index: int) -> bool:
-        """True if a pass in which nothing moves may be the last."""
-        return self.ends
-
-    def variance(self, before: Pass | None, outputs: Sequence[float]) -> Array:
-        """Variance of the innovations of the pass before, (m,)."""
-        return super().variance(None, outputs) if before is None else before.variance
 
 
 @dataclass(frozen=True)
@@ -362,12 +339,6 @@ def _cautiously(
         except FloatingPointError as error:
             last = error
     raise last
-
-
-def literal_noise(outputs: Sequence[float], units: Sequence[float], states: Sequence[str]) -> Noise:
-    """The paper's: P(0) = Q = 1e-7 I in these units (n,) of the states."""
-    deviations = RINSING.paper_density**0.5 * np.asarray(units, dtype=float)
-    return Noise(outputs, deviations, dict(zip(states, deviations.tolist(), strict=True)))
 
 
 def _outputs(model: Rates, augmented: Augmented) -> ca.Function:

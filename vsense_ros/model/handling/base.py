@@ -266,16 +266,6 @@ def car_numbers(vehicle: Vehicle) -> dict[str, float]:
     return values
 
 
-def steered_wheels(vehicle: Vehicle, angle: Array) -> tuple[Array, Array]:
-    """Angles of the left and the right front wheel (n,) for mean angles (n,) [rad], by the vehicle's share of
-    Ackermann's geometry; suspension tables are left out."""
-    physics = vehicle.physics
-    wheelbase = physics.chassis.cog_to_front_axle + physics.chassis.cog_to_rear_axle
-    share, tangent, half = physics.steering.ackermann, np.tan(angle), physics.front.track / 2
-    left, right = (np.arctan2(wheelbase * tangent, wheelbase - side * half * tangent) for side in (1, -1))
-    return (1 - share) * angle + share * left, (1 - share) * angle + share * right
-
-
 def _axle_index(place: str) -> int:
     """0 for the front axle or one of its wheels, 1 for the rear."""
     return 0 if place in ("front", *WHEELS[:2]) else 1
