@@ -27,7 +27,7 @@ from vsense_ros.messages.recording import Recording
 from vsense_ros.model.simulation.closed_loop import rolling_straight, simulate
 from vsense_ros.model.vehicle import Vehicle
 from vsense_ros.observer.state import FORWARD, YAW_RATE
-from vsense_ros.observer.tilt import LARGEST, LEAST, Tilt
+from vsense_ros.observer.tilt import TILT, Tilt
 from vsense_ros.runner import Runner
 
 BAGS = Path(__file__).parents[2] / "bags"
@@ -68,7 +68,7 @@ def after_a_while(observer: Runner, along: float, across: float, yaw_rate: float
     mean, tilt = observer.filter.car.mean, Tilt(observer.sensors, observer.filter.car)
     mean[FORWARD], mean[YAW_RATE] = 20.0, yaw_rate
     mean[observer.filter.car.layout.biases[observer.names.index("imu")]][3:5] = along, across
-    for stamp in range(SECOND, SECOND + int((LEAST + 2.0) * SECOND), SECOND // 5):
+    for stamp in range(SECOND, SECOND + int((TILT.least_time + 2.0) * SECOND), SECOND // 5):
         tilt.look(stamp, lambda: True)
     return tilt
 
@@ -78,11 +78,11 @@ def after_a_while(observer: Runner, along: float, across: float, yaw_rate: float
 def test_it_tells_the_roll_and_the_pitch_of_which_gravity_is_felt(watched: Runner, roll: float, pitch: float) -> None:
     x, y, _ = Rotation.from_euler("xyz", [roll, pitch, 0.0], degrees=True).inv().apply([0.0, 0.0, 9.80665])
     text = after_a_while(watched, x, y).sentence()
-    assert bool(text) == (np.hypot(x, y) > LARGEST)
+    assert bool(text) == (np.hypot(x, y) > TILT.largest)
     across = np.degrees(np.arcsin(y / 9.80665))  # roll, but for the pitch about which it is not
     for name, angle, felt in (("roll", across, y), ("pitch", pitch, x)):
         said = re.search(rf"a {name} of ([+-][\d.]+)°", text)
-        assert bool(said) == (bool(text) and abs(felt) > LARGEST / 2)
+        assert bool(said) == (bool(text) and abs(felt) > TILT.largest / 2)
         assert said is None or float(said[1]) == pytest.approx(angle, abs=0.051)
 
 

@@ -112,7 +112,7 @@ def models_of(annotation: Any) -> Iterator[type[BaseModel]]:
 
 
 def tag_of(model: type[BaseModel]) -> str:
-    """The value of the key that tells the members of a union apart."""
+    """The value of the key that distinguishes the members of a union."""
     for field in model.model_fields.values():
         if get_origin(field.annotation) is Literal:
             return str(get_args(field.annotation)[0])

@@ -250,7 +250,7 @@ def _steering(
     characteristics: Characteristics, drives: Sequence[DriveSignals], vehicle: Vehicle | None
 ) -> float | None:
     """δ = offset + i (L r / V + K V r): steering ratio i, understeer gradient K, offset; returns what to divide the
-    reading by. Where only one speed was driven, i and K cannot be told apart and the file's ratio is taken."""
+    reading by. Where only one speed was driven, i and K cannot be separated and the file's ratio is taken."""
     if vehicle is None:
         why = "needs a wheelbase: give --vehicle"
         for name, unit in (("steering ratio", "-"), ("understeer gradient", "deg/g"), ("steering offset", "deg")):
@@ -319,12 +319,12 @@ def _roll(characteristics: Characteristics, drives: Sequence[DriveSignals]) -> N
         rows = _settled(drive) & _steady(drive)
         if drive.roll is not None:
             roll = _slow(drive.roll)
-        elif drive.felt is not None:
-            # What is felt is a_y + g φ; with side slip known its derivative is taken off too.
+        elif drive.lateral_force is not None:
+            # The accelerometer measures a_y + g φ; with side slip known its derivative is taken off too.
             sliding = np.zeros(len(drive))
             if drive.side_slip is not None:
                 sliding = np.gradient(_slow(drive.speed * np.tan(drive.side_slip)), DRIVE_SIGNALS.step)
-            roll, by_accelerometer = (_slow(drive.felt) - lateral - sliding) / GRAVITY, True
+            roll, by_accelerometer = (_slow(drive.lateral_force) - lateral - sliding) / GRAVITY, True
         else:
             continue
         parts.append((np.column_stack([lateral, np.ones(len(lateral))])[rows], roll[rows]))

@@ -41,7 +41,7 @@ class DriveSignals:
     at_steering_wheel: bool  # where that was; else at the road wheels
     spin: Array | None = None  # (n, 4) [rad/s]
     roll: Array | None = None  # of the body [rad]
-    felt: Array | None = None  # lateral specific force at cog [m/s²]
+    lateral_force: Array | None = None  # lateral specific force at cog [m/s²]
     side_slip: Array | None = None  # at cog [rad]
     wheels: Array | None = None  # (n, 7, 4) as model.coordinates.WHEEL_OUTPUTS
 
@@ -93,7 +93,7 @@ def of_recording(recording: Recording, vehicle: Vehicle | None) -> DriveSignals:
     imu = find_channel(recording, "imu/data")
     if imu is not None:
         rates, forces = _in_axes_of_car(imu, vehicle)
-        channels["yaw_rate"], channels["felt"] = (imu.stamp, rates[:, 2]), (imu.stamp, forces[:, 1])
+        channels["yaw_rate"], channels["lateral_force"] = (imu.stamp, rates[:, 2]), (imu.stamp, forces[:, 1])
     _reference(recording, vehicle, channels)
     if "speed" not in channels:
         gnss = find_channel(recording, "gps/velocity")
@@ -124,7 +124,7 @@ def of_recording(recording: Recording, vehicle: Vehicle | None) -> DriveSignals:
         wheel,
         spin,
         on_clock.get("roll"),
-        on_clock.get("felt"),
+        on_clock.get("lateral_force"),
         on_clock.get("side_slip"),
     )
 

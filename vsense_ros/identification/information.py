@@ -107,7 +107,7 @@ class Information:
         return np.sqrt(np.maximum(self.scaled.diagonal() * inverse.diagonal(), 1.0))
 
     def weakest(self, judged_by_curve: Collection[str] = ()) -> Direction:
-        """The combination that is hardest to tell apart, whatever each parameter is known to, in units of what is known
+        """The combination that is hardest to determine, whatever each parameter is known to, in units of what is known
         of each alone; those that are judged by their curve are left out, and count as unknown."""
         inverse = np.linalg.inv(self.scaled + 1e-9 * np.trace(self.scaled) / len(self.names) * np.eye(len(self.names)))
         compared = [i for i, name in enumerate(self.names) if name not in judged_by_curve]
@@ -126,7 +126,7 @@ class Information:
         )  # fmt: skip
 
     def pairs(self) -> list[tuple[str, str, float]]:
-        """Parameters that the drive can hardly tell apart, with their correlation, the closest first."""
+        """Parameters that the drive can hardly separate, with their correlation, the closest first."""
         pairs = [
             (self.names[i], self.names[j], float(self.correlation[i, j]))
             for i in range(len(self.names)) for j in range(i) if abs(self.correlation[i, j]) >= INFORMATION.correlated
@@ -229,7 +229,7 @@ def refusals(weighed: Information, judged_by_curve: Collection[str] = ()) -> lis
     """Parameters that are not determined, or cannot be separated from others.
 
     Of one that is determined no more than `INFORMATION.determined_share` of its prior deviation is left. One whose
-    deviation is more than `INFORMATION.inseparable_ratio` times that alone cannot be told apart. Both are milder with
+    deviation is more than `INFORMATION.inseparable_ratio` times that alone cannot be separated. Both are milder with
     those that are `judged_by_curve`: a shape factor and a curvature make up one force curve, which may well be
     determined where they are not.
     """

@@ -15,7 +15,7 @@ from vsense_ros.model.vehicle import Vehicle
 
 Values = Mapping[str, float]
 
-EXACT = 17  # significant digits that tell any two numbers apart
+EXACT = 17  # significant digits that distinguish any two numbers
 _PHYSICS = "physics."
 
 

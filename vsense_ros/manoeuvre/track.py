@@ -145,7 +145,7 @@ class Track:
 
 
 class Along:
-    """How far along a track something is that moves forwards on it: its memory tells crossings and laps apart.
+    """How far along a track something is that moves forwards on it: its memory distinguishes crossings and laps.
 
     Before the beginning and beyond the end the track goes on as it is there.
     """

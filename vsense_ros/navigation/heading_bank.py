@@ -2,7 +2,7 @@
 
 Filters of (v_east, v_north, ψ, b_r) begin at headings all around. Each goes on by gyro and accelerometers, a fix of the
 velocity corrects each and weighs it by the likelihood of its innovation. A wrong heading turns accelerations into the
-wrong direction: whoever accelerates or turns is told apart within seconds, without gates and before the course means
+wrong direction: whoever accelerates or turns is recognised within seconds, without gates and before the course means
 anything.
 """
 

@@ -60,10 +60,10 @@ class Inertial(JointKkf):
 
     def noise(self, x: Named, u: Named, theta: Named, h: ca.SX) -> Any:
         force, rate = theta.acceleration_noise, theta.gyro_noise
-        felt = self.sampled(x, u, theta, h, acceleration_x=force, acceleration_y=force, yaw_rate=rate)
+        input_noise = self.sampled(x, u, theta, h, acceleration_x=force, acceleration_y=force, yaw_rate=rate)
         sideways = ASIDE * (1 + (u.acceleration_y / LINEAR) ** 2)
         strays = ca.diag(ca.vertcat(ca.SX.zeros(10), sideways**2 * (1 - ca.exp(-2 * h / ASIDE_TIME))))
-        return felt + drifting(h, *TILT_NOISE, LEANING, 1e-5, *ROAD, 1e-4, 1e-5, 1e-4, 1e-6, 0.0) + strays
+        return input_noise + drifting(h, *TILT_NOISE, LEANING, 1e-5, *ROAD, 1e-4, 1e-5, 1e-4, 1e-6, 0.0) + strays
 
     def motion(self, x: Named, u: Named, theta: Named) -> dict[str, Any]:
         return {**super().motion(x, u, theta), "yaw_rate": turning(x, u)}

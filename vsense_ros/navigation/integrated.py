@@ -103,11 +103,11 @@ class Integrated(NavigationSpace):
     def transition(self, x: Named, u: Named, theta: Named, h: ca.SX) -> Any:
         front, rear = self.axle_forces(x, u, theta)
         along = u.acceleration_x - x.acceleration_bias_x + x.yaw_rate * x.lateral_velocity
-        felt = (front + rear) / theta.mass
-        across = felt - x.yaw_rate * x.forward_velocity - theta.gravity * ca.sin(x.bank)
+        specific_force = (front + rear) / theta.mass
+        across = specific_force - x.yaw_rate * x.forward_velocity - theta.gravity * ca.sin(x.bank)
         turning = (theta.to_front * front - theta.to_rear * rear) / theta.yaw_inertia
         still = ca.SX.zeros(7)
-        levelling = theta.roll_gain * felt / theta.gravity - x.roll
+        levelling = theta.roll_gain * specific_force / theta.gravity - x.roll
         rolling = theta.roll_frequency**2 * levelling - 2 * theta.roll_damping * theta.roll_frequency * x.roll_rate
         bank = -x.bank / theta.road_bank_time
         fading = -x.vector[-3:] / ca.DM([SLIP_ERROR_TIME, SLIP_ERROR_TIME, SHAKING_TIME])
@@ -115,7 +115,7 @@ class Integrated(NavigationSpace):
         return single_track.second_order(x.vector, rate, h)
 
     def noise(self, x: Named, u: Named, theta: Named, h: ca.SX) -> Any:
-        felt = self.sampled(x, u, theta, h, acceleration_x=theta.acceleration_noise)
+        input_noise = self.sampled(x, u, theta, h, acceleration_x=theta.acceleration_noise)
         drift = STIFFNESS_DRIFT * theta.stiffness_deviation
         stiffness_walk: list[Any] = [
             drift * ca.fmin(ca.fabs(slip) / FULL_SLIP, 1.0) for slip in self.slip_angles(x, u, theta)
@@ -128,7 +128,7 @@ class Integrated(NavigationSpace):
         bank = theta.road_bank * ca.sqrt(2 / theta.road_bank_time)
         shaking = theta.shaking_noise / SHAKING_TIME
         walk = ca.vertcat(*drifts, *stiffness_walk, 1e-5, bank, 0.0, ROLL_NOISE, 0.0, 0.0, *strays, shaking)
-        return felt + ca.diag(walk**2) * h + drifting(h, *[1e-6] * 19)
+        return input_noise + ca.diag(walk**2) * h + drifting(h, *[1e-6] * 19)
 
     def begin(self, first_readings: FirstReadings) -> Mapping[str, float]:
         return {
@@ -147,8 +147,8 @@ class Integrated(NavigationSpace):
 
     def motion(self, x: Named, u: Named, theta: Named) -> dict[str, Any]:
         along = u.acceleration_x - x.acceleration_bias_x
-        felt = self.auxiliary(x, u, theta)[0] - theta.gravity * ca.sin(x.bank)
-        upright = {"roll": x.roll + x.bank, "forward_acceleration": along, "lateral_acceleration": felt}
+        lateral_acceleration = self.auxiliary(x, u, theta)[0] - theta.gravity * ca.sin(x.bank)
+        upright = {"roll": x.roll + x.bank, "forward_acceleration": along, "lateral_acceleration": lateral_acceleration}
         return {**super().motion(x, u, theta), **upright}
 
 

@@ -47,8 +47,8 @@ class JointKkf(NavigationSpace):
 
     def noise(self, x: Named, u: Named, theta: Named, h: ca.SX) -> Any:
         force, rate = theta.acceleration_noise, theta.gyro_noise
-        felt = self.sampled(x, u, theta, h, acceleration_x=force, acceleration_y=force, yaw_rate=rate)
-        return felt + drifting(h, 0.0, 0.0, 0.0, 1e-5, 1e-4, 1e-4, 0.0, 0.0)
+        input_noise = self.sampled(x, u, theta, h, acceleration_x=force, acceleration_y=force, yaw_rate=rate)
+        return input_noise + drifting(h, 0.0, 0.0, 0.0, 1e-5, 1e-4, 1e-4, 0.0, 0.0)
 
     def begin(self, first_readings: FirstReadings) -> Mapping[str, float]:
         return {

@@ -76,14 +76,14 @@ class Offline(NavigationSpace):
 
     def noise(self, x: Named, u: Named, theta: Named, h: ca.SX) -> Any:
         force, rate = theta.acceleration_noise, theta.gyro_noise
-        felt = self.sampled(x, u, theta, h, acceleration_x=force, acceleration_y=force, yaw_rate=rate)
+        input_noise = self.sampled(x, u, theta, h, acceleration_x=force, acceleration_y=force, yaw_rate=rate)
         sideways = ASIDE * (1 + (u.acceleration_y / LINEAR) ** 2)
         strays = [
             WHEEL_SLIP**2 * (1 - ca.exp(-2 * h / WHEEL_SLIP_TIME)),
             sideways**2 * (1 - ca.exp(-2 * h / ASIDE_TIME)),
         ]
         walks = drifting(h, *TILT_NOISE, LEANING, 1e-3, 1e-3, 1e-5, 1e-6, *ROAD, *[0.0] * 9, 0.0, 0.0)
-        return felt + walks + ca.diag(ca.vertcat(ca.SX.zeros(18), *strays))
+        return input_noise + walks + ca.diag(ca.vertcat(ca.SX.zeros(18), *strays))
 
     def motion(self, x: Named, u: Named, theta: Named) -> dict[str, Any]:
         return {**super().motion(x, u, theta), "yaw_rate": turning(x, u)}

@@ -65,8 +65,8 @@ class Strapdown(NavigationSpace):
 
     def acceleration(self, x: Named, u: Named, theta: Named) -> ca.SX:
         """Acceleration (3,) in the axes of the map."""
-        felt = attitude.turned(x.vector[_Q], u.vector[3:6] - x.vector[_A])
-        return felt - ca.vertcat(0, 0, theta.gravity)
+        specific_force = attitude.turned(x.vector[_Q], u.vector[3:6] - x.vector[_A])
+        return specific_force - ca.vertcat(0, 0, theta.gravity)
 
     def transition(self, x: Named, u: Named, theta: Named, h: ca.SX) -> Any:
         q, v, p, moved = x.vector[_Q], x.vector[_V], x.vector[_P], self.acceleration(x, u, theta)
@@ -87,8 +87,8 @@ class Strapdown(NavigationSpace):
             sideways**2 * (1 - ca.exp(-2 * h / ASIDE_TIME)),
             PITCHING**2 * (1 - ca.exp(-2 * h / PITCHING_TIME)),
         ]
-        felt = self.sampled(x, u, theta, h, **rates, **forces)
-        return felt + drifting(h, *[1e-6] * 9, *walk) + ca.diag(ca.vertcat(ca.SX.zeros(19), *strays))
+        input_noise = self.sampled(x, u, theta, h, **rates, **forces)
+        return input_noise + drifting(h, *[1e-6] * 9, *walk) + ca.diag(ca.vertcat(ca.SX.zeros(19), *strays))
 
     def auxiliary(self, x: Named, u: Named, theta: Named) -> Any:
         """Velocity and position of the antenna in the map, velocity of the car in its axes."""

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -16,12 +18,20 @@ from vsense_ros.observer.state import FORWARD, LATERAL, U
 
 Array = NDArray[np.float64]
 
-_ALIGNMENT_SPEED = 2.0  # [m/s] above it the course is the heading
-_SAME_SPEED = 0.2  # of a speed by which another may differ from it
-_STANDING = 0.2  # [m/s] below it the car does
-_NONE = 2.0  # standard deviations of a velocity below which it may be none
-_HELD = 1e-6  # [rad] deviation of a heading that a velocity of none must not change
-_ANYWHERE = 100.0  # [m] standard deviation of a position of which nothing is known
+
+@dataclass(frozen=True)
+class AlignmentSettings:
+    """Settings of the heading at the start: decisions of this project."""
+
+    course_speed: float = 2.0  # [m/s] above it the course is the heading
+    speed_difference: float = 0.2  # [-] of a speed by which another may differ from it
+    standing: float = 0.2  # [m/s] below it the car stands
+    least_deviations: float = 2.0  # standard deviations of a velocity below which it may be none
+    held: float = 1e-6  # [rad] deviation of a heading that a velocity of none must not change
+    anywhere: float = 100.0  # [m] standard deviation of a position of which nothing is known
+
+
+ALIGNMENT = AlignmentSettings()
 
 
 class Alignment:
@@ -68,7 +78,7 @@ class Alignment:
         radius = LOADED * self._filter.car.vehicle.physics.rear.unloaded_radius
         rolling = radius * float(np.mean(np.abs(self._mean[U][SPIN])))
         own_speeds = np.array([np.hypot(self._mean[FORWARD], self._mean[LATERAL]), rolling])
-        same = np.any(np.abs(own_speeds - speed) < _SAME_SPEED * speed)
+        same = np.any(np.abs(own_speeds - speed) < ALIGNMENT.speed_difference * speed)
         health = self._intake.health
         health_on_map = (h for i, h in enumerate(health) if self._sensors[i].on_map and self._intake.sends(i))
         return bool(same and all(h.contradicts for h in health_on_map))
@@ -79,7 +89,7 @@ class Alignment:
         if measured is None:
             return False
         f, (yaw, deviation) = self._filter, measured
-        was, position, spread = self._mean[YAW], self._mean[[X, Y]], _ANYWHERE
+        was, position, spread = self._mean[YAW], self._mean[[X, Y]], ALIGNMENT.anywhere
         if self._standstill.known:
             position, spread = self._standstill.place(position, was, yaw)
         f.set_element(YAW, yaw, deviation)
@@ -99,7 +109,7 @@ class Alignment:
         self._filter.inputs[:] = inputs
         self.align(velocity)
         for i, value in zip((X, Y), place, strict=True):
-            self._filter.set_element(i, value, _ANYWHERE)
+            self._filter.set_element(i, value, ALIGNMENT.anywhere)
         self._filter.linearize()
         return True
 
@@ -113,7 +123,7 @@ class Alignment:
             return self._standstill.heading(mean[[X, Y]], mean[YAW], event.value, event.variance)
         east, north = event.value
         speed = float(np.hypot(east, north))
-        if not _ALIGNMENT_SPEED < speed < self._filter.car.largest[FORWARD]:
+        if not ALIGNMENT.course_speed < speed < self._filter.car.largest[FORWARD]:
             return None
         forward = mean[FORWARD] if abs(mean[FORWARD]) > 0.1 else 0.1
         yaw = np.arctan2(north, east) - np.arctan2(mean[LATERAL], forward)
@@ -126,10 +136,10 @@ class Alignment:
         car = self._filter.car
         if car.prior.torques.measured or "course" not in self._sensors[event.sensor].measures:
             return
-        if not float(np.hypot(*event.value)) < _NONE * float(np.sqrt(event.variance.max())):
+        if not float(np.hypot(*event.value)) < ALIGNMENT.least_deviations * float(np.sqrt(event.variance.max())):
             return
         yaw = self._mean.item(YAW)
-        self._filter.set_element(YAW, yaw, _HELD)
+        self._filter.set_element(YAW, yaw, ALIGNMENT.held)
         self._filter.correct(car.sensors[event.sensor], event.value, event.variance, np.inf)
         self._filter.set_element(YAW, yaw, car.prior.deviation.item(YAW))
 
@@ -137,7 +147,7 @@ class Alignment:
         """Take a position for where the car is, as long as its heading is not known: all while it stands."""
         mean = self._mean
         reading = event.value, event.variance, self._sensors[event.sensor].mounting(), mean[YAW]
-        if abs(mean[FORWARD]) < _STANDING:
+        if abs(mean[FORWARD]) < ALIGNMENT.standing:
             if not event.counted:
                 self._standstill.add(*reading)
             mean[[X, Y]] = self._standstill.antenna

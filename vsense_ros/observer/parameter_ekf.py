@@ -49,7 +49,7 @@ class ParameterEkf(ParameterFilter):
     def _rooted(self, m: int, of_biases: tuple[int, int]) -> ca.Function:
         """(what parameters do to the measurement without biases (m×k), derivatives by biases (m), S of these, M) → what
         a standard deviation does (m×k), root of M."""
-        unbiased, bias_sensitivity = ca.SX.sym("told", m, self.count), ca.SX.sym("own", *of_biases)
+        unbiased, bias_sensitivity = ca.SX.sym("unbiased", m, self.count), ca.SX.sym("bias_sensitivity", *of_biases)
         by_biases, root = ca.SX.sym("by_biases", m), ca.chol(self.covariance).T
         total = (
             unbiased + ca.repmat(by_biases, 1, self.count) * bias_sensitivity if bias_sensitivity.numel() else unbiased

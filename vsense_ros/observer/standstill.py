@@ -8,16 +8,26 @@ Where only positions know north, the way from there gives the heading: the filte
 from __future__ import annotations
 
 from cmath import exp, phase
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
 Array = NDArray[np.float64]
 
-_LEAST_WAY = 10.0  # that a way must be longer than the deviation of its ends to give a heading
-_SHORTEST_WAY = 2.0  # [m] that does
-_LENGTH_ERROR = 0.3  # of a way, as a share of it, beyond which one of its ends is wrong
-_WAY_ERROR = 0.1  # of the way from standstill to where the heading is found, as a share of it
+
+@dataclass(frozen=True)
+class StandstillSettings:
+    """Settings of the heading by the way from standstill: decisions of this project."""
+
+    least_deviations: float = 10.0  # that a way must be longer than the deviation of its ends to give a heading
+    shortest_way: float = 2.0  # [m] of a way that gives a heading
+    length_error: float = 0.3  # [-] of a way, beyond which one of its ends is wrong
+    way_error: float = 0.1  # [-] of the way from standstill to where the heading is estimated
+    heading_error: float = 0.05  # [rad] of the heading of a way with exact ends
+
+
+STANDSTILL = StandstillSettings()
 
 
 class Standstill:
@@ -63,11 +73,13 @@ class Standstill:
         driven = complex(*position) - self._antenna + self._arm * (exp(1j * was) - exp(1j * self._yaw))
         displacement = complex(*antenna) - self._antenna
         deviation = float(np.sqrt(variance.max() + 1 / self._precision))
-        if not abs(displacement) > max(_LEAST_WAY * deviation, _SHORTEST_WAY):
+        if not abs(displacement) > max(STANDSTILL.least_deviations * deviation, STANDSTILL.shortest_way):
             return None
-        if not abs(abs(driven) - abs(displacement)) < _LENGTH_ERROR * abs(displacement):
+        if not abs(abs(driven) - abs(displacement)) < STANDSTILL.length_error * abs(displacement):
             return None
-        return was + phase(displacement / driven), float(np.hypot(0.05, deviation / abs(displacement)))
+        return was + phase(displacement / driven), float(
+            np.hypot(STANDSTILL.heading_error, deviation / abs(displacement))
+        )
 
     def place(self, position: Array, was: float, yaw: float) -> tuple[Array, float]:
         """Where cog is in the map (2,) [m] and its standard deviation [m], once the heading is known to be `yaw` where
@@ -76,5 +88,5 @@ class Standstill:
         displacement = complex(*position) - self._antenna
         place = self._antenna + turn * (displacement - exp(1j * self._yaw) * self._arm)
         return np.array([place.real, place.imag]), float(
-            np.hypot(self._precision**-0.5, _WAY_ERROR * abs(displacement))
+            np.hypot(self._precision**-0.5, STANDSTILL.way_error * abs(displacement))
         )

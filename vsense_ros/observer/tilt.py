@@ -1,14 +1,15 @@
-"""Is the inertial sensor mounted as the vehicle file says? What it feels in vain on straight roads shows it.
+"""Is the inertial sensor mounted as the vehicle file says? The unexplained acceleration on straight roads shows it.
 
 On a straight road an accelerometer along or across the car feels what the speed changes by, and the slope of the road.
 A sensor that leans feels a part of gravity besides, always the same. The filter explains that by a bias and by the
-slope, whichever it knows less of; together they are what is felt in vain. Where a receiver's height gives the slope
-along the way, the bias alone is. On average over a straight drive roads lean by a few per cent at most.
+slope, whichever it knows less of; together they are the unexplained acceleration. Where a receiver's height gives
+the slope along the way, the bias alone is. On average over a straight drive roads lean by a few per cent at most.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import dataclass
 from math import asin, degrees, exp, hypot
 
 import numpy as np
@@ -24,14 +25,22 @@ from vsense_ros.observer.state import DISTURB, FORWARD, SLOPES, YAW_RATE
 
 Array = NDArray[np.float64]
 
-LARGEST = 0.7  # [m/s²] felt in vain on average: 4.1° of gravity, or a road of 7 %
-LEAST = 20.0  # [s] of straight driving after which it is reported
-_MEMORY = 60.0  # [s] of it that the mean is of
-_STRAIGHT = 0.05  # [rad/s] of yaw up to which a road is straight, and a side slip changes nothing
-_MOVING = 3.0  # [m/s]
-_LONGEST_GAP = 0.5  # [s] between looks
-_OFTEN = 100_000_000  # [ns] from one look to the next
-_HEIGHT = 10.0  # [m] standard deviation of the road's height, up to which it is reported
+
+@dataclass(frozen=True)
+class TiltSettings:
+    """Settings of the check whether the inertial sensor leans: decisions of this project."""
+
+    largest: float = 0.7  # [m/s²] unexplained on average, from which it is reported: 4.1° of gravity, a road of 7 %
+    least_time: float = 20.0  # [s] of straight driving after which it is reported
+    memory: float = 60.0  # [s] of straight driving over which is averaged
+    straight: float = 0.05  # [rad/s] of yaw up to which a road is straight, and a side slip changes nothing
+    moving: float = 3.0  # [m/s] from which the car drives
+    longest_gap: float = 0.5  # [s] between two states that are looked at
+    period: int = 100_000_000  # [ns] at least from one state to the next
+    known_height: float = 10.0  # [m] standard deviation of the road's height, up to which a receiver reports it
+
+
+TILT = TiltSettings()
 
 
 class Tilt:
@@ -58,39 +67,44 @@ class Tilt:
     def look(self, stamp: int, converged: Callable[[], bool]) -> None:
         """At the filter's newest state, at this time [ns]; what has not `converged` says nothing."""
         passed = stamp - self._stamp
-        if self.sensor is None or 0 <= passed < _OFTEN:
+        if self.sensor is None or 0 <= passed < TILT.period:
             return
         mean, time = self._car.mean, passed * 1e-9
         self._stamp = stamp
-        if not 0 < time < _LONGEST_GAP or mean[FORWARD] < _MOVING or abs(mean[YAW_RATE]) > _STRAIGHT or not converged():
+        if (
+            not 0 < time < TILT.longest_gap
+            or mean[FORWARD] < TILT.moving
+            or abs(mean[YAW_RATE]) > TILT.straight
+            or not converged()
+        ):
             return
-        felt = self._to_car @ mean[self._biases]
+        unexplained = self._to_car @ mean[self._biases]
         slopes = GRAVITY * mean[SLOPES]
         height = DISTURB.start + ROAD_HEIGHT
-        height_known = float(self._car.covariance[height, height]) < _HEIGHT**2
-        felt[1] += slopes[1]
+        height_known = float(self._car.covariance[height, height]) < TILT.known_height**2
+        unexplained[1] += slopes[1]
         if not height_known:
-            felt[0] += slopes[0]
+            unexplained[0] += slopes[0]
         self._of_height = height_known
         self.seconds += time
-        share = (1 - exp(-time / _MEMORY)) / (1 - exp(-self.seconds / _MEMORY))
-        self._mean += share * (felt - self._mean)
+        share = (1 - exp(-time / TILT.memory)) / (1 - exp(-self.seconds / TILT.memory))
+        self._mean += share * (unexplained - self._mean)
 
     @property
-    def felt(self) -> Array:
-        """What is felt in vain along and across the car (2,) [m/s²], NaN before it is known."""
-        return self._mean.copy() if self.seconds > LEAST else np.full(2, np.nan)
+    def unexplained(self) -> Array:
+        """Mean unexplained acceleration along and across the car (2,) [m/s²], NaN before it is known."""
+        return self._mean.copy() if self.seconds > TILT.least_time else np.full(2, np.nan)
 
     def sentence(self) -> str:
         """What to say of the sensor; empty where nothing is wrong, or not known yet."""
-        along, across = self.felt.tolist()
-        if not hypot(along, across) > LARGEST:
+        along, across = self.unexplained.tolist()
+        if not hypot(along, across) > TILT.largest:
             return ""
         pitch, roll = (degrees(asin(max(-1.0, min(1.0, force / GRAVITY)))) for force in (-along, across))
         words = [
             f"{name} of {angle:+.1f}°"
             for name, angle, force in (("roll", roll, across), ("pitch", pitch, along))
-            if abs(force) > LARGEST / 2
+            if abs(force) > TILT.largest / 2
         ]
         text = f"mounted tilted? Its attitude in the vehicle file lacks a {' and a '.join(words)}"
         roads = [
@@ -99,6 +113,6 @@ class Tilt:
                 ("climbs" if along > 0 else "falls", along, self._of_height),
                 ("leans", across, False),
             )
-            if abs(force) > LARGEST / 2 and not reported
+            if abs(force) > TILT.largest / 2 and not reported
         ]
         return f"{text}, or the road {' and '.join(roads)} all along" if roads else text

@@ -59,7 +59,7 @@ def shape(unit: str, description: str, *, default: float, typical: float, low: f
 
 
 def form(description: str, *, default: float) -> Any:
-    """A field between 0 and 1 that tells the variants of an effect apart."""
+    """A field between 0 and 1 that distinguishes the variants of an effect."""
     extra: dict[str, Any] = {"unit": "-", "typical": 0.5, "role": "form"}
     return Field(default=default, description=description, ge=0.0, le=1.0, json_schema_extra=extra)
 

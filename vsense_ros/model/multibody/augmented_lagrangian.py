@@ -175,14 +175,14 @@ def base_functions(mechanism: Mechanism) -> tuple[ca.Function, ca.Function]:
     )
     velocity = ca.vertcat(to_body_rates @ dq[3:6], attitude.T @ dq[0:3])
     acceleration = ca.jtimes(velocity, ca.vertcat(q, dq), ca.vertcat(dq, ddq))
-    felt = ca.vertcat(acceleration[:3], acceleration[3:] - attitude.T @ gravity)
+    less_gravity = ca.vertcat(acceleration[:3], acceleration[3:] - attitude.T @ gravity)
     inertia = spatial.rigid_inertia(ca.SX(base.mass), column(base.centre), base.inertia)
     load = wrench if base.load is None else wrench + base.load(velocity)
-    missing = inertia @ felt + spatial.cross_force(velocity, inertia @ velocity) - load
+    missing = inertia @ less_gravity + spatial.cross_force(velocity, inertia @ velocity) - load
     state = codegen.function(
         "base_state",
         [q, dq, ddq, gravity, wrench, base.parameters, h],
-        [velocity, felt, attitude[2, :].T, q[2], h**2 / 4 * missing, inertia],
+        [velocity, less_gravity, attitude[2, :].T, q[2], h**2 / 4 * missing, inertia],
         ("q", "dq", "ddq", "gravity", "wrench", "parameters", "h"),
     )
     rates = ca.vertcat(ca.horzcat(ca.SX(3, 3), attitude), ca.horzcat(to_angle_rates, ca.SX(3, 3)))

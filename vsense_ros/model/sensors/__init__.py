@@ -2,7 +2,7 @@
 
 A kind is a class that says all that it is (`SensorBase`): where its messages come from and how to read one, its
 equation, noise and biases, what its errors look like in a simulation, in which signals the search for missing physics
-compares it, and how data that cannot be true are told from others. To add one, write its file, with the name of its
+compares it, and how data that cannot be true are recognised. To add one, write its file, with the name of its
 kind.
 """
 

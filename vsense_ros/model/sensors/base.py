@@ -110,7 +110,7 @@ class ComparedSignal:
 
 @dataclass(frozen=True)
 class Response:
-    """How a car answers an input, by which one that is frozen is told from one that is held.
+    """How a car answers an input, by which one that is frozen is distinguished from one that is held.
 
     `component` is that of the rates and forces which answers, `by_speed` whether it does so times the speed; `least` is
     the change [m/s²] that does not happen without one of the input. `words` name the input in a sentence.

@@ -1,7 +1,7 @@
 """One force curve for all loads, frictions and directions of slip (Best & Bogdanski 2016, eqs. 21 to 27).
 
 Slip is normalised by the friction force, so that stiffness, shape, peak and curvature describe the tyre under every
-load and friction: few numbers, which an identification can tell apart. Axes are ISO 8855, the paper's are SAE: lateral
+load and friction: few numbers, which an identification can separate. Axes are ISO 8855, the paper's are SAE: lateral
 slip and lateral force both change their signs, the curve between them stays.
 """
 

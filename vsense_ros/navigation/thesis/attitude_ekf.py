@@ -38,8 +38,8 @@ class AttitudeEkf(NavigationSpace):
 
     def noise(self, x: Named, u: Named, theta: Named, h: ca.SX) -> Any:
         noise = theta.gyro_noise
-        felt = self.sampled(x, u, theta, h, roll_rate=noise, pitch_rate=noise, yaw_rate=noise)
-        return felt + drifting(h, 0.0, 0.0, 0.0, 1e-5, 1e-5, 1e-5)
+        input_noise = self.sampled(x, u, theta, h, roll_rate=noise, pitch_rate=noise, yaw_rate=noise)
+        return input_noise + drifting(h, 0.0, 0.0, 0.0, 1e-5, 1e-5, 1e-5)
 
     def motion(self, x: Named, u: Named, theta: Named) -> dict[str, Any]:
         p, q, r = ca.vertsplit(self.rates(x, u))

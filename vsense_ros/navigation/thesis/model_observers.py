@@ -73,8 +73,8 @@ class ModelAndIns(SingleTrack):
 
     def transition(self, x: Named, u: Named, theta: Named, h: ca.SX) -> Any:
         model = single_track.rates(x.model_slip, x.model_rate, u.steer_angle, u.speed, theta)
-        felt = u.acceleration_y / single_track.speed_of_model(u.speed) - u.yaw_rate
-        rate = ca.vertcat(felt + (x.model_slip - x.side_slip) / CROSSOVER, *model)
+        slip_rate = u.acceleration_y / single_track.speed_of_model(u.speed) - u.yaw_rate
+        rate = ca.vertcat(slip_rate + (x.model_slip - x.side_slip) / CROSSOVER, *model)
         return single_track.second_order(x.vector, rate, h)
 
     def noise(self, x: Named, u: Named, theta: Named, h: ca.SX) -> Any:

@@ -57,8 +57,8 @@ class VelocityKkfB(VelocityKkf):
 
     def noise(self, x: Named, u: Named, theta: Named, h: ca.SX) -> Any:
         noise = theta.acceleration_noise
-        felt = self.sampled(x, u, theta, h, acceleration_x=noise, acceleration_y=noise)
-        return felt + ca.diag(ca.DM([0.0, 1e-10, 0.0, 1e-10, 0.1**2])) * h
+        input_noise = self.sampled(x, u, theta, h, acceleration_x=noise, acceleration_y=noise)
+        return input_noise + ca.diag(ca.DM([0.0, 1e-10, 0.0, 1e-10, 0.1**2])) * h
 
 
 NO_DYNAMIC_BIAS = Measurement(

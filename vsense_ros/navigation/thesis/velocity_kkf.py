@@ -48,8 +48,8 @@ class VelocityKkf(NavigationSpace):
 
     def noise(self, x: Named, u: Named, theta: Named, h: ca.SX) -> Any:
         noise = theta.acceleration_noise
-        felt = self.sampled(x, u, theta, h, acceleration_x=noise, acceleration_y=noise)
-        return felt + drifting(h, 0.0, 1e-5, 0.0, 1e-5)
+        input_noise = self.sampled(x, u, theta, h, acceleration_x=noise, acceleration_y=noise)
+        return input_noise + drifting(h, 0.0, 1e-5, 0.0, 1e-5)
 
     def motion(self, x: Named, u: Named, theta: Named) -> dict[str, Any]:
         along, across = ca.vertsplit(self.acceleration(x, u))
