@@ -75,6 +75,7 @@ def test_without_the_token_nothing_is_served(kind: str) -> None:
         {"origin": "http://evil.example"},
         {"origin": "null"},
         {"sec-fetch-site": "cross-site"},
+        {"sec-fetch-site": "same-site"},  # of another port of this machine
     ],
 )
 def test_other_hosts_and_pages_of_other_sites_are_refused_even_with_the_token(

@@ -6,6 +6,7 @@ import json
 import os
 import shlex
 import time
+from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
@@ -66,11 +67,32 @@ def test_the_key_of_a_job_follows_the_content_of_its_files(tmp_path: Path) -> No
     assert jobs.key("read", {"b": 1}, {"a": file}) != jobs.key("read", {}, {"a": file})
 
 
-@pytest.mark.skipif(os.geteuid() == 0, reason="root may read every folder")
-def test_a_folder_without_rights_offers_nothing_and_is_a_sentence(tmp_path: Path) -> None:
-    closed = tmp_path / "closed"
-    closed.mkdir(mode=0o000)
-    assert not any("closed" in path for path in Project(tmp_path / "project", [closed]).recordings())
+def test_a_folder_without_rights_offers_nothing(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    def refused(folder: Path) -> Iterator[Path]:
+        if folder.name == "closed":  # as for everybody but root
+            raise PermissionError(13, "Permission denied")
+        return listed(folder)
+
+    listed = Path.iterdir
+    monkeypatch.setattr(Path, "iterdir", refused)
+    (tmp_path / "closed").mkdir()
+    assert not any("closed" in path for path in Project(tmp_path / "project", [tmp_path / "closed"]).recordings())
+
+
+@pytest.mark.slow
+def test_a_log_that_cannot_be_read_is_not_read_again_and_again_but_when_it_is_asked_for(tmp_path: Path) -> None:
+    jobs = Jobs(Project(tmp_path / "project"))
+    file = tmp_path / "notes.txt"
+    file.write_text("hello", encoding="utf-8")
+    try:
+        job = jobs.start("read", {"path": str(file)}, {"recording": file})
+        while job.status is Status.RUNNING:
+            time.sleep(0.05)
+        assert job.status is Status.FAILED
+        assert jobs.start("read", {"path": str(file)}, {"recording": file}, again=False).status is Status.FAILED
+        assert jobs.start("read", {"path": str(file)}, {"recording": file}).status is Status.RUNNING
+    finally:
+        jobs.close()
 
 
 def _job(tmp_path: Path, kind: str, options: dict[str, object]) -> Job:

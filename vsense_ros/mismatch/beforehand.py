@@ -96,7 +96,7 @@ def _antenna(
     radius, y the place of the antenna, and b what slip and steered wheels add in bends to either side.
     """
     name = best_measuring(sensors.items(), "course")
-    if name is None:
+    if name is None or not recordings:
         return None
     ratios, bends = [], []
     for windows in recordings:

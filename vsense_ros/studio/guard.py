@@ -73,7 +73,7 @@ class Guard:
         origin = headers.get("origin")
         if origin is not None and origin.removeprefix("http://") != host:
             return "A page of another site may not talk to the workbench."
-        if headers.get("sec-fetch-site", "none") == "cross-site":
+        if headers.get("sec-fetch-site", "none") not in ("none", "same-origin"):
             return "A page of another site may not talk to the workbench."
         return ""
 

@@ -127,12 +127,13 @@ class Jobs:
             return {name: fingerprint(path) for name, path in files.items()}
         return {name: content_hash(path, self.project.folder) for name, path in files.items()}
 
-    def start(self, kind: str, options: Mapping[str, Any], files: Mapping[str, Path]) -> Job:
-        """Start a job, unless it has been done with the same content, or is running. `files` are those that it reads,
-        by any name; paths that a task needs stand in `options`."""
+    def start(self, kind: str, options: Mapping[str, Any], files: Mapping[str, Path], *, again: bool = True) -> Job:
+        """Start a job, unless it has been done with the same content, or is running; one that failed only `again`.
+        `files` are those that it reads, by any name; paths that a task needs stand in `options`."""
         hashes = self._hashes(kind, files)
         job = self.find(self._key(kind, options, hashes))
-        if job.status in (Status.DONE, Status.RUNNING):
+        status = job.status
+        if status in (Status.DONE, Status.RUNNING) or (status is Status.FAILED and not again):
             return job
         job.folder.mkdir(parents=True, exist_ok=True)
         for name in (ERROR, PROGRESS):

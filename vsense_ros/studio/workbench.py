@@ -43,9 +43,11 @@ class Workbench:
         """Recordings for validation only."""
         return [drive for drive in self.drives if drive.held_out]
 
-    def start(self, kind: str, options: dict[str, Any], drives: list[Drive], *, vehicle: str = "") -> Job:
-        """Start a job about recordings and a vehicle, whose content becomes part of its key. Raises `InputError` for
-        files outside of the folders that were opened."""
+    def start(
+        self, kind: str, options: dict[str, Any], drives: list[Drive], *, vehicle: str = "", again: bool = True
+    ) -> Job:
+        """Start a job about recordings and a vehicle, whose content becomes part of its key, as `Jobs.start` does.
+        Raises `InputError` for files outside of the folders that were opened."""
         files: dict[str, Path] = {}
         for i, drive in enumerate(drives):
             files[f"recording {i}"] = self.project.inside(drive.path)
@@ -55,7 +57,7 @@ class Workbench:
         if vehicle:
             files["vehicle"] = self.project.inside(vehicle)
             options = {**options, "vehicle": str(files["vehicle"])}
-        return self.jobs.start(kind, options, files)
+        return self.jobs.start(kind, options, files, again=again)
 
     def source(self, drive: Drive) -> dict[str, str]:
         """A recording as tasks take it."""

@@ -50,6 +50,9 @@ def _show(bench: Workbench, job: Job) -> None:
     for i, drive in enumerate(result["drives"]):
         count = len(drive["findings"])
         with kit.panel(drive["name"], f"{count} to look at" if count else "nothing looks wrong"):
+            if absent := drive.get("absent"):
+                words = "which the vehicle file names: what needs it is estimated without it, or not at all."
+                kit.words(f"This recording has no {', '.join(absent)}, {words}")
             for finding in drive["findings"]:
                 _finding(bench, drive, finding, job, i)
             if drive["mends"]:

@@ -33,6 +33,7 @@ _TICKED = """(event) => {
     emit([...boxes].filter((one) => one.checked).map((one) => one.value));
 }"""
 _LOOK = 0.1  # [s] between two looks whether curves have been written
+_ROW_LOOK = 0.5  # [s] between two looks whether a recording in the list has been read
 
 
 def build(bench: Workbench) -> None:
@@ -113,10 +114,11 @@ def _uploaded(bench: Workbench, paths: list[Path]) -> None:
 
 
 def _read(bench: Workbench, drive: Drive) -> None:
-    """Start reading a recording, unless it has been read with this content."""
+    """Start reading a recording, unless it has been read with this content, or could not be: the stage is drawn anew
+    whenever a job ends, so that a log without a mapping would be read for ever."""
 
     def start() -> None:
-        job = bench.start("read", bench.source(drive), [drive])
+        job = bench.start("read", bench.source(drive), [drive], again=not drive.key)
         if job.key != drive.key:
             drive.key = job.key
             bench.project.save()
@@ -130,26 +132,44 @@ def _again(bench: Workbench, drive: Drive) -> None:
 
 
 def _row(bench: Workbench, drive: Drive, current: bool) -> None:
-    job = bench.job(drive.key) if drive.key else None
-    status = str(job.status) if job is not None else "failed"
-    with ui.element("div").classes(f"vs-drive {'current' if current else ''}"):
-        name = ui.button(drive.name, on_click=lambda: _select(bench, drive)).props("flat dense no-caps")
-        name.tooltip(drive.path)
-        if job is not None and job.status is Status.DONE:
-            result = job.result
-            ui.label(f"{result['duration']:.1f} s").classes("vs-number")
-            ui.label(f"{len(result['topics'])} topics").classes("vs-number")
-            problems = result["problems"]
-            ui.label(f"{problems} to look at" if problems else "nothing looks wrong").classes(
-                "warn" if problems else "good"
-            )
-        else:
-            ui.label(status)
-        held = ui.checkbox("held out", value=drive.held_out).props("dense")
-        held.tooltip("Kept for validation: Identify and Explain do not fit to it")
-        held.on_value_change(lambda event: _hold_out(bench, drive, bool(event.value)))
-        remove = ui.button("Remove", on_click=lambda: _remove(bench, drive)).props("flat dense no-caps size=sm")
-        remove.props(f'aria-label="Remove {escape(drive.name)}"')
+    """A recording with its state, which follows its reading."""
+    row = ui.element("div").classes(f"vs-drive {'current' if current else ''}")
+
+    def draw() -> bool:
+        job = bench.job(drive.key) if drive.key else None
+        status = job.status if job is not None else Status.FAILED
+        row.clear()
+        with row:
+            _content(bench, drive, job, status)
+        return status is Status.RUNNING
+
+    def look() -> None:
+        if bench.job(drive.key).status is not Status.RUNNING:
+            timer.deactivate()
+            draw()
+
+    if draw():
+        timer = ui.timer(_ROW_LOOK, look)
+
+
+def _content(bench: Workbench, drive: Drive, job: Job | None, status: Status) -> None:
+    name = ui.button(drive.name, on_click=lambda: _select(bench, drive)).props("flat dense no-caps")
+    name.tooltip(drive.path)
+    if job is not None and status is Status.DONE:
+        result = job.result
+        ui.label(f"{result['duration']:.1f} s").classes("vs-number")
+        ui.label(f"{len(result['topics'])} topics").classes("vs-number")
+        problems = result["problems"]
+        ui.label(f"{problems} to look at" if problems else "nothing looks wrong").classes(
+            "warn" if problems else "good"
+        )
+    else:
+        ui.label(status)
+    held = ui.checkbox("held out", value=drive.held_out).props("dense")
+    held.tooltip("Kept for validation: Identify and Explain do not fit to it")
+    held.on_value_change(lambda event: _hold_out(bench, drive, bool(event.value)))
+    remove = ui.button("Remove", on_click=lambda: _remove(bench, drive)).props("flat dense no-caps size=sm")
+    remove.props(f'aria-label="Remove {escape(drive.name)}"')
 
 
 def _select(bench: Workbench, drive: Drive) -> None:

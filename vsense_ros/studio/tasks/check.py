@@ -42,6 +42,7 @@ def check(options: dict[str, Any], folder: Path, progress: Callable[[float], Non
                 "findings": [_as_dict(finding) for finding in found],
                 "mends": [{"topic": mend.topic, "words": mend_in_words(mend)} for mend in corrections],
                 "mended_curves": f"mended{i}" if corrections else "",
+                "absent": [one.topic for one in car.sensors.values() if one.topic not in recording],
                 "blocking": bool(corrections),
             }
         )

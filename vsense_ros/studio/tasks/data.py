@@ -123,8 +123,9 @@ def _add_path(recording: Recording, writer: CurveWriter) -> None:
             north = METRES * (latitude - origin[0])
             time = (fix.stamp - recording.first_stamp) * 1e-9
             order = np.argsort(time[good], kind="stable")
-            values = {EAST: east[good][order], NORTH: north[good][order]}
-            writer.add(time[good][order], values, unit="m", label="path", topic="path")
+            at = writer.add_time(time[good][order])
+            for name, value in ((EAST, east), (NORTH, north)):
+                writer.add(at, {name: value[good][order]}, unit="m", label=name, topic="path")
     for topic, count in _SPEED_TOPICS:
         channel = find_channel(recording, topic)
         if channel is not None:
