@@ -58,6 +58,30 @@ def test_the_pieces_of_a_can_log_are_the_whole_one(tmp_path: Path, name: str) ->
     assert not {note for piece in pieces for note in piece.notes} - set(whole.notes)
 
 
+@pytest.mark.parametrize("name", ["mcap", "sqlite3", "sqlite3_packed_messages", "mcap_packed_file"])
+def test_the_pieces_of_a_bag_are_the_whole_one(tmp_path: Path, name: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(importers, "LARGE", replace(importers.LARGE, from_size=1 << 12, piece=1 << 16))
+    path, _ = formats.MAKERS[name](tmp_path, 60.0)
+    pieces = [piece for piece in import_pieces(path) if piece.channels]
+    whole = import_recording(path)
+    assert len(pieces) > (0 if name == "mcap_packed_file" else 3)
+    assert same(whole_of(pieces), whole)
+    assert not {note for piece in pieces for note in piece.notes} - set(whole.notes)
+    renamed = {"topics": {"imu/data": "/imu/data", "gps/velocity": "/gps/velocity"}}
+    assert same(whole_of(list(import_pieces(path, mapping=renamed))), whole)
+    with pytest.raises(InputError, match="the bag has no topic '/none' for imu/data"):
+        list(import_pieces(path, mapping={"topics": {"imu/data": "/none"}}))
+
+
+def test_a_bag_that_was_cut_gives_in_pieces_what_it_gives_as_a_whole(tmp_path: Path) -> None:
+    folder, _ = formats.MAKERS["mcap"](tmp_path, 60.0)
+    path = next(folder.glob("*.mcap"))
+    path.write_bytes(path.read_bytes()[:-5000])
+    pieces = list(import_pieces(path))
+    assert same(whole_of([piece for piece in pieces if piece.channels]), import_recording(path))
+    assert any("is not finished" in note for note in pieces[-1].damage)
+
+
 def test_messages_that_never_came_are_noted_at_the_end_of_a_can_log(tmp_path: Path) -> None:
     path, options = formats.MAKERS["candump"](tmp_path, 4.0)
     lines = [line for line in path.read_text().splitlines(True) if " 302#" not in line]

@@ -9,14 +9,15 @@ the cut.
 
 from __future__ import annotations
 
+import mmap
 import struct
+import sys
 import zlib
 from bisect import bisect_right
-from collections.abc import Iterator
+from collections.abc import Generator, Iterator
 from contextlib import suppress
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from io import BytesIO
-from mmap import ACCESS_READ, mmap
 from pathlib import Path
 from typing import Any
 
@@ -124,14 +125,25 @@ class McapFile:
 def read_file(path: Path) -> McapFile:
     """Read all that is intact in one MCAP file. Raises `InputError` for a file that is none."""
     data = path.read_bytes()
-    if not data:
+    _expect_mcap(path, data[:8])
+    return _Scan(path.name, data).run()
+
+
+def read_pieces(path: Path, size: int) -> Iterator[McapFile]:
+    """What `read_file` gives in pieces of about `size` bytes of messages. Raises `InputError` as that does."""
+    with path.open("rb") as file:
+        _expect_mcap(path, file.read(8))
+        yield from _Scan(path.name, mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ)).pieces(size)
+
+
+def _expect_mcap(path: Path, head: bytes) -> None:
+    if not head:
         raise InputError(f"{path}: the file is empty; expected an MCAP bag")
-    if not data.startswith(MAGIC):
+    if head != MAGIC:
         raise InputError(
-            f"{path}: not an MCAP file: it begins with {data[:8].hex(' ')}, expected {MAGIC.hex(' ')}. "
+            f"{path}: not an MCAP file: it begins with {head.hex(' ')}, expected {MAGIC.hex(' ')}. "
             "Give a bag folder or a .mcap file, or import other formats with 'vsense import'"
         )
-    return _Scan(path.name, data).run()
 
 
 def read_part(path: Path, most: int) -> McapFile | None:
@@ -141,7 +153,7 @@ def read_part(path: Path, most: int) -> McapFile | None:
     """
     with path.open("rb") as file:
         size = path.stat().st_size
-        data = mmap(file.fileno(), 0, access=ACCESS_READ) if size > _FOOTER_SIZE + 2 * len(MAGIC) else b""
+        data = mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ) if size > _FOOTER_SIZE + 2 * len(MAGIC) else b""
         footer = size - len(MAGIC) - _FOOTER_SIZE
         if data[:8] != MAGIC or data[-8:] != MAGIC or data[footer] != Opcode.FOOTER:
             return None
@@ -165,7 +177,7 @@ def read_part(path: Path, most: int) -> McapFile | None:
 class _Scan:
     """A pass through a file from the front, which goes on at the next known chunk where a record has no end."""
 
-    def __init__(self, name: str, data: bytes) -> None:
+    def __init__(self, name: str, data: bytes | mmap.mmap) -> None:
         self.name, self.data = name, data
         self.file = McapFile()
         self.known_chunks: list[int] = []  # positions according to the summary
@@ -173,25 +185,44 @@ class _Scan:
         self.index: list[bytes] = []  # entries of that index
         self.unchunked: list[int] = []  # positions of messages outside of chunks
         self.inflated = 0  # [byte]
+        self.gathered = 0  # [byte] of messages since the last piece
+        self.before = 0  # messages of all pieces so far, and those that are lost
         self.start: int | None = None  # time of the first chunk [ns]
 
     def run(self) -> McapFile:
         """Gather what is intact."""
+        (file,) = self.pieces(sys.maxsize)
+        return file
+
+    def pieces(self, most: int) -> Iterator[McapFile]:
+        """Gather what is intact, in pieces of about `most` bytes; the last one knows what is lost."""
         size, file = len(self.data), self.file
-        finished = self.data.endswith(MAGIC) and size > _FOOTER_SIZE + len(MAGIC)
+        finished = self.data[-len(MAGIC) :] == MAGIC and size > _FOOTER_SIZE + len(MAGIC)
         end = size - len(MAGIC) if finished else size
         if finished:
             self._read_summary(end - _FOOTER_SIZE)
         at: int | None = len(MAGIC)
         while at is not None:
-            at = self._read_records(at, end)
-        if self.unchunked:
-            self._gather(self.data, np.array(self.unchunked))
+            at = yield from self._read_records(at, end, most)
         if not finished:
             file.damage.append(f"{self.name}: the file is not finished (cut off at byte {size})")
+        last = self._so_far()
         if file.expected is not None:
-            file.lost = max(file.lost, file.expected - file.count)
-        return file
+            last.lost += max(file.expected - self.before, 0)
+        yield last
+
+    def _so_far(self) -> McapFile:
+        """What has been gathered since the last piece, with all definitions."""
+        if self.unchunked:
+            self._gather(self.data, np.array(self.unchunked))
+        file = self.file
+        found = replace(file)
+        self.before += file.count + file.lost
+        file.messages, file.notes, file.damage, file.lost = {}, [], [], 0
+        self.unchunked, self.gathered = [], 0
+        if isinstance(self.data, mmap.mmap) and hasattr(mmap, "MADV_DONTNEED"):
+            self.data.madvise(mmap.MADV_DONTNEED)  # what has been read need not stay in memory
+        return found
 
     def _read_summary(self, footer: int) -> None:
         """Read the definitions and the positions of the chunks at the end of a finished file."""
@@ -208,7 +239,7 @@ class _Scan:
             self.file.notes.append("the summary at the end of the file is damaged; the file was scanned from the front")
         self.known_chunks.sort()
 
-    def _read_records(self, at: int, end: int) -> int | None:
+    def _read_records(self, at: int, end: int, most: int) -> Generator[McapFile, None, int | None]:
         """Gather records up to the footer, or to one whose end is unknown; returns where to go on after the latter."""
         try:
             for opcode, body, position, whole in _records(self.data, at, end):
@@ -221,6 +252,8 @@ class _Scan:
                     break
                 self._take(opcode, body, at, whole)
                 at = after
+                if self.gathered >= most:
+                    yield self._so_far()
         except Damaged as error:
             following = self._chunk_after(at)
             onward = f"reading went on at byte {following}" if following else "nothing behind it could be read"
@@ -248,6 +281,7 @@ class _Scan:
             self._define(opcode, body)
         elif len(body) >= _MESSAGE_FIELDS:
             self.unchunked.append(position)
+            self.gathered += len(body)
 
     def _define(self, opcode: int, body: bytes) -> None:
         """Keep a schema, a channel, the number of messages, or metadata; one that cannot be read is noted."""
@@ -282,6 +316,7 @@ class _Scan:
             records = _unpacked(chunk, whole)
             positions, done = self._message_positions(records, index)
             self._gather(records, positions)
+            self.gathered += len(records)
             if done < chunk.uncompressed_size:
                 raise Damaged(f"it ends after {done} of {chunk.uncompressed_size} bytes")
         except Damaged as error:
@@ -331,7 +366,7 @@ class _Scan:
             at = after
         return np.array(positions, np.int64), at
 
-    def _gather(self, records: bytes, positions: NDArray[np.int64]) -> None:
+    def _gather(self, records: bytes | mmap.mmap, positions: NDArray[np.int64]) -> None:
         """Keep the messages at these positions, by channel."""
         heads = _heads(records, positions)
         for channel in _ascending(heads["channel"]).tolist():
@@ -351,12 +386,12 @@ class _Scan:
             self.file.messages.setdefault(channel, []).append((payloads, heads["time"][rows]))
 
 
-def _heads(records: bytes, positions: NDArray[np.int64]) -> NDArray[np.void]:
+def _heads(records: bytes | mmap.mmap, positions: NDArray[np.int64]) -> NDArray[np.void]:
     """The fixed fields of the messages at these positions."""
     return _at(records, positions, MESSAGE_HEAD) if len(positions) else np.zeros(0, MESSAGE_HEAD)
 
 
-def _at(data: bytes, positions: NDArray[np.int64], kind: np.dtype[np.void]) -> NDArray[np.void]:
+def _at(data: bytes | mmap.mmap, positions: NDArray[np.int64], kind: np.dtype[np.void]) -> NDArray[np.void]:
     """Copies of what stands at these positions of some bytes."""
     everywhere = np.ndarray(len(data) - kind.itemsize + 1, kind, data, strides=(1,))  # from each byte on, overlapping
     return np.asarray(everywhere[positions])
@@ -382,7 +417,7 @@ def _ends(records: bytes, positions: NDArray[np.uint64]) -> NDArray[np.int64] | 
     return ends if (ends[:-1] <= begins[1:]).all() and ends[-1] <= len(records) else None
 
 
-def _records(data: bytes | mmap, at: int, end: int) -> Iterator[tuple[int, bytes, int, bool]]:
+def _records(data: bytes | mmap.mmap, at: int, end: int) -> Iterator[tuple[int, bytes, int, bool]]:
     """Opcode, body, position and wholeness of each record; only the last may be cut off."""
     while at < end:
         if at + RECORD_HEAD.size > end:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Container, Mapping
+from collections.abc import Container, Iterator, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -11,7 +11,7 @@ import zstandard
 from numpy.typing import NDArray
 
 from vsense_ros.bag.decoding import LONGEST_RECORDING, TopicMessages, channels_of, skipped
-from vsense_ros.bag.mcap import McapFile, Pieces, Rows, Times, read_file, read_part, unpacked_zstd
+from vsense_ros.bag.mcap import McapFile, Pieces, Rows, Times, read_file, read_part, read_pieces, unpacked_zstd
 from vsense_ros.bag.metadata import RELIABLE_QOS, TopicDescription, custom_data, information_in, parsed
 from vsense_ros.errors import InputError
 from vsense_ros.messages.foreign import READABLE
@@ -188,12 +188,44 @@ def glance_at_bag(path: str | Path, most: int = LIMITS.glance) -> Recording | No
     return Recording(channels, path.stem) if channels else None
 
 
+def bag_pieces(path: str | Path, size: int) -> Iterator[Recording]:
+    """What `read_bag` gives in pieces of about `size` bytes of messages, in the order in which they were written.
+
+    Raises as `read_bag`; that a bag holds no message is said at its end.
+    """
+    path = Path(path)
+    about = _Bag()
+    files, _ = _files(path, about)
+    left_out: list[str] = []
+    found = False
+    for one in files:
+        try:
+            for part in read_pieces(one, size):
+                bag = _Bag(notes=about.notes, custom=dict(about.custom), informed=about.informed)
+                bag.add(part)
+                about.notes = []
+                found |= part.count > 0
+                yield _whole(path, bag, READABLE).recording
+        except InputError as error:
+            if len(files) == 1:
+                raise
+            left_out.append(f"left out: {error}")
+    if not found:
+        raise _no_message(path, [*about.notes, *left_out])
+    if left_out:
+        yield Recording({}, _name(path), tuple(left_out), 0, {}, tuple(left_out))
+
+
 def _read(path: str | Path, kinds: Container[str]) -> WholeBag:
     """Read a bag, of which messages of these types become numbers."""
     path = Path(path)
     if path.exists() and not (path.is_file() or path.is_dir()):
         raise InputError(f"{path}: neither a folder nor a regular file; expected a bag folder or a .mcap file")
-    bag = _gathered(path)
+    return _whole(path, _gathered(path), kinds)
+
+
+def _whole(path: Path, bag: _Bag, kinds: Container[str]) -> WholeBag:
+    """What a bag or a piece of it holds, from the messages that were gathered."""
     numeric = [name for name, topic in bag.topics.items() if topic.is_cdr and topic.kind in kinds]
     others = {name: topic for name, topic in bag.topics.items() if name not in numeric}
     notes = [
@@ -207,14 +239,18 @@ def _read(path: str | Path, kinds: Container[str]) -> WholeBag:
     give_back()
     stored = bag.custom.pop("notes", "")
     recording = Recording(
-        channels,
-        path.stem if path.is_file() else path.resolve().name,
-        (*stored.splitlines(), *notes),
-        bag.lost + bad,
-        bag.custom,
-        tuple(bag.damage),
+        channels, _name(path), (*stored.splitlines(), *notes), bag.lost + bad, bag.custom, tuple(bag.damage)
     )
     return WholeBag(recording, {name: topic.raw() for name, topic in others.items()}, bag.descriptions)
+
+
+def _name(path: Path) -> str:
+    return path.stem if path.is_file() else path.resolve().name
+
+
+def _no_message(path: Path, reasons: list[str]) -> InputError:
+    reason = f" ({'; '.join(reasons)})" if reasons else ""
+    return InputError(f"{path}: the bag holds no intact message{reason}; record it again or choose another")
 
 
 def _gathered(path: Path) -> _Bag:
@@ -235,9 +271,7 @@ def _gathered(path: Path) -> _Bag:
     if promised is not None:
         bag.lost = max(bag.lost, promised - read)
     if not read:
-        reasons = [*bag.notes, *bag.damage]
-        reason = f" ({'; '.join(reasons)})" if reasons else ""
-        raise InputError(f"{path}: the bag holds no intact message{reason}; record it again or choose another")
+        raise _no_message(path, [*bag.notes, *bag.damage])
     return bag
 
 

@@ -150,8 +150,13 @@ def import_pieces(path: str | Path, **options: Any) -> Iterator[Recording]:
 
 
 def is_large(path: Path) -> bool:
-    """True if a recording is a file that is read in pieces where its importer can do so."""
-    return path.is_file() and path.stat().st_size >= LARGE.from_size
+    """True if a recording is a file or folder that is read in pieces where its importer can do so."""
+    return _size(path) >= LARGE.from_size
+
+
+def _size(path: Path) -> int:
+    """Size of a file, or of all files in a folder [byte]."""
+    return path.stat().st_size if path.is_file() else sum(f.stat().st_size for f in path.rglob("*") if f.is_file())
 
 
 def _with_options(path: str | Path, options: Mapping[str, Any]) -> Importer:
@@ -188,7 +193,7 @@ def bounded_memory(path: Path) -> Iterator[None]:
     except ImportError:
         yield
         return
-    size = path.stat().st_size if path.is_file() else sum(f.stat().st_size for f in path.rglob("*") if f.is_file())
+    size = _size(path)
     soft, hard = resource.getrlimit(resource.RLIMIT_DATA)
     bound = _used() + _MOST_MEMORY + _MOST_OF_FILE * size
     if soft != resource.RLIM_INFINITY:

@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import sqlite3
+import sys
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any
@@ -13,7 +14,7 @@ import zstandard
 
 from vsense_ros.bag import decoding
 from vsense_ros.bag.decoding import TopicMessages, channels_of
-from vsense_ros.bag.importers.topic_mapping import mapped
+from vsense_ros.bag.importers.topic_mapping import mapped, mapped_pieces
 from vsense_ros.bag.reading import read_bag
 from vsense_ros.errors import InputError
 from vsense_ros.messages import yaml_text
@@ -56,36 +57,92 @@ def read(path: Path, *, mapping: str | Path | Mapping[str, Any] | None = None) -
     return mapped(whole(path), mapping)
 
 
+def pieces(path: Path, size: int, *, mapping: str | Path | Mapping[str, Any] | None = None) -> Iterator[Recording]:
+    """What `read` gives, in pieces of about `size` bytes of messages; a file that is compressed is one piece."""
+    yield from mapped_pieces(_pieces(path, size), mapping)
+
+
+@dataclass
+class _Gathered:
+    """Messages of files of SQLite: those that become numbers or are of a `further` type, and the number of others."""
+
+    further: str = ""
+    topics: dict[str, TopicMessages] = field(default_factory=dict)
+    skipped: dict[tuple[str, str], int] = field(default_factory=dict)  # by topic and type
+    size: int = 0  # [byte]
+
+    def add(self, topic: str, kind: str, data: bytes, time: int) -> None:
+        """Take one message."""
+        messages = self.topics.setdefault(topic, TopicMessages(kind))
+        if messages.kind != kind:
+            self.skip(topic, kind)
+            return
+        messages.append(data, time)
+        self.size += len(data)
+
+    def skip(self, topic: str, kind: str) -> None:
+        """Count one message that is not read."""
+        self.skipped[topic, kind] = self.skipped.get((topic, kind), 0) + 1
+
+    def recording(self, path: Path, notes: list[str], damage: list[str]) -> Recording:
+        """What has been gathered, as numbers."""
+        notes = [*notes, *(decoding.skipped(topic, kind, count) for (topic, kind), count in self.skipped.items())]
+        channels, bad = channels_of(self.topics.items(), notes)
+        name = path.name.partition(".")[0] if path.is_file() else path.resolve().name
+        return Recording(channels, name, (*notes, *damage), bad, {}, tuple(damage))
+
+
 def whole(path: Path, raw: dict[str, TopicMessages] | None = None, kind: str = "") -> Recording:
     """All topics under their own names. Messages of a `kind` that does not become numbers are put into `raw`, as
     bytes."""
-    parts = [path] if path.is_file() else _parts(path)
     notes: list[str] = []
     damage: list[str] = []
+    gathered = _Gathered(kind)
+    others = list(_rest(path, sys.maxsize, gathered, notes, damage))
+    for topic in [topic for topic, messages in gathered.topics.items() if messages.kind == kind]:
+        (raw if raw is not None else {})[topic] = gathered.topics.pop(topic)
+    if not gathered.topics and not others and not gathered.skipped and not raw:
+        raise _no_message(path, damage)
+    recording = gathered.recording(path, notes, damage)
+    return _joined([recording, *others] if recording.channels else others, path, notes, damage) if others else recording
+
+
+def _pieces(path: Path, size: int) -> Iterator[Recording]:
+    """All topics under their own names, in pieces."""
+    notes: list[str] = []
+    damage: list[str] = []
+    gathered = _Gathered()
+    found = False
+    for piece in _rest(path, size, gathered, notes, damage):
+        found |= bool(piece.channels)
+        yield piece
+    if not found and not gathered.topics and not gathered.skipped:
+        raise _no_message(path, damage)
+    yield gathered.recording(path, notes, damage)
+
+
+def _rest(path: Path, size: int, gathered: _Gathered, notes: list[str], damage: list[str]) -> Iterator[Recording]:
+    """Gather the messages of a bag. Yields what is more than `size` bytes of them, and what is compressed as a whole;
+    the rest stays in `gathered`."""
+    parts = [path] if path.is_file() else _parts(path)
     per_message = path.is_dir() and _mode(path, notes) == "message"
-    merged: dict[str, TopicMessages] = {}
-    skipped: dict[tuple[str, str], int] = {}
-    others: list[Recording] = []
     for part in parts:
         try:
             if part.name.endswith(".mcap.zstd"):
-                others.append(_compressed_mcap(part))
-            else:
-                _take(part, per_message, merged, skipped, damage, kind)
+                yield _compressed_mcap(part)
+                continue
+            for _ in _take(part, per_message, gathered, damage):
+                if gathered.size >= size:
+                    yield gathered.recording(path, [], [])
+                    gathered.topics, gathered.skipped, gathered.size = {}, {}, 0
         except InputError as error:
             if len(parts) == 1:
                 raise
             damage.append(f"left out: {error}")
-    for topic in [topic for topic, messages in merged.items() if messages.kind == kind]:
-        (raw if raw is not None else {})[topic] = merged.pop(topic)
-    if not merged and not others and not skipped and not raw:
-        raise InputError(f"{path}: the bag holds no intact message" + (f" ({'; '.join(damage)})" if damage else ""))
-    notes += [decoding.skipped(topic, kind, count) for (topic, kind), count in skipped.items()]
-    channels, bad = channels_of(merged.items(), notes)
-    if others:
-        return _joined(others, path, notes, damage)
-    name = path.name.partition(".")[0] if path.is_file() else path.resolve().name
-    return Recording(channels, name, (*notes, *damage), bad, {}, tuple(damage))
+
+
+def _no_message(path: Path, damage: list[str]) -> InputError:
+    return InputError(f"{path}: the bag holds no intact message" + (f" ({'; '.join(damage)})" if damage else ""))
 
 
 def _parts(path: Path) -> list[Path]:
@@ -148,15 +205,8 @@ def _joined(parts: list[Recording], path: Path, notes: list[str], damage: list[s
     return Recording(whole, path.resolve().name, every, sum(part.messages_lost for part in parts), {}, hurt)
 
 
-def _take(
-    part: Path,
-    per_message: bool,
-    merged: dict[str, TopicMessages],
-    skipped: dict[tuple[str, str], int],
-    damage: list[str],
-    further: str = "",
-) -> None:
-    """Gather the messages of one file of SQLite that become numbers, and those of a `further` type."""
+def _take(part: Path, per_message: bool, gathered: _Gathered, damage: list[str]) -> Iterator[None]:
+    """Gather the messages of one file of SQLite, one with each step."""
     with part.open("rb") as file:
         head = file.read(16)
     if not head:
@@ -182,19 +232,16 @@ def _take(
         }
         for number, time, data in _rows(part, connection, damage):
             topic, kind, form = topics.get(number, (f"(topic {number})", "(unknown type)", ""))
-            if (kind not in READABLE and kind != further) or form != "cdr":
-                skipped[topic, kind] = skipped.get((topic, kind), 0) + 1
+            if (kind not in READABLE and kind != gathered.further) or form != "cdr":
+                gathered.skip(topic, kind)
                 continue
             if per_message or data.startswith(_ZSTD):
                 try:
                     data = unpack.decompress(data, max_output_size=1 << 20)
                 except zstandard.ZstdError:
                     data = b""
-            messages = merged.setdefault(topic, TopicMessages(kind))
-            if messages.kind != kind:
-                skipped[topic, kind] = skipped.get((topic, kind), 0) + 1
-                continue
-            messages.append(data, time % 2**64)
+            gathered.add(topic, kind, data, time % 2**64)
+            yield
     except (sqlite3.Error, TypeError, ValueError, OverflowError) as error:
         raise InputError(f"{part}: not a bag of rosbag2 that can be read: {error}") from None
     finally:

@@ -17,7 +17,7 @@ they are.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -76,9 +76,32 @@ def mapped(recording: Recording, source: str | Path | Mapping[str, Any] | None) 
 
     Raises `InputError` for a topic that the bag does not have, or whose messages do not say what is wanted.
     """
+    (found,) = mapped_pieces([recording], source)
+    return found
+
+
+def mapped_pieces(pieces: Iterable[Recording], source: str | Path | Mapping[str, Any] | None) -> Iterator[Recording]:
+    """The same of a bag in pieces, each of which may lack a topic. Raises `InputError` at the end for one that none
+    has."""
     if source is None:
-        return recording
+        yield from pieces
+        return
     mapping = load(source)
+    name = ""
+    known: set[str] = set()
+    for piece in pieces:
+        name, known = piece.name, known | piece.channels.keys()
+        yield _mapped(piece, mapping)
+    for topic, wanted in mapping.topics.items():
+        its = wanted.topic if isinstance(wanted, TopicSource) else wanted
+        if its.lstrip("/") not in known:
+            raise InputError(
+                f"{name}: the bag has no topic {its!r} for {topic}; it has "
+                f"{', '.join(sorted(known)) or 'none that can be read'}"
+            )
+
+
+def _mapped(recording: Recording, mapping: TopicMapping) -> Recording:
     channels = dict(recording.channels)
     taken: set[str] = set()
     made = {}
@@ -86,10 +109,7 @@ def mapped(recording: Recording, source: str | Path | Mapping[str, Any] | None) 
         chosen = wanted if isinstance(wanted, TopicSource) else TopicSource(topic=wanted)
         name = chosen.topic.lstrip("/")
         if name not in channels:
-            raise InputError(
-                f"{recording.name}: the bag has no topic {chosen.topic!r} for {topic}; it has "
-                f"{', '.join(channels) or 'none that can be read'}"
-            )
+            continue
         taken.add(name)
         own = _as(topic, channels[name], chosen.names, recording.name)
         made[topic] = in_own_axes(own, chosen.convention or mapping.convention)
