@@ -44,7 +44,7 @@ class RelationSettings:
     moving: float = setting(0.3, "m/s²", "root mean square acceleration that shows where an axis is", JUDGEMENT)
     offset: float = setting(1.5, "m/s²", "of mean error that attitude and offsets of a sensor make", JUDGEMENT)
     least: float = setting(2.0, "s", "of driving", JUDGEMENT)
-    coarse: float = setting(0.01, "-", "of a covariance, within which the smaller lag is taken", JUDGEMENT)
+    coarse: float = setting(0.01, "-", "of a correlation, within which the smaller lag is taken", JUDGEMENT)
     gravity: tuple[float, float] = setting((7.0, 13.0), "m/s²", "mean specific force that has gravity in it", JUDGEMENT)
     upright: float = setting(0.8, "-", "share of gravity on one axis, from where on it is the vertical one", JUDGEMENT)
     tilting: float = setting(0.4, "-", "correlation of roll and pitch rates with what makes a body roll and pitch")
@@ -325,7 +325,7 @@ def _of_gyro(result: Relations, turns: Mapping[str, Array]) -> None:
             best = int(np.argmax(highest))
             if (highest >= SETTINGS.clear * highest[best]).sum() > 1:
                 continue
-            result.lags[source] = int(np.argmax(curves[best])) - middle
+            result.lags[source] = _smallest_lag(curves[best])
         correlation = signed_correlation(rates[best], turning, step)
         if abs(correlation) > SETTINGS.correlation:
             result.yaw_axes[source] = np.sign(correlation) * np.eye(3)[RATES.index(names[best])]
@@ -401,5 +401,10 @@ def _best_lag(curves: Array, matrix: Array) -> int:
     """Steps by which accelerations turned by a matrix (3, 3) are later than those expected, by the covariances
     (2, 2 or 3, lags) of each of these with each axis."""
     whole = np.einsum("ij,ijk->k", matrix[: curves.shape[0], : curves.shape[1]], curves)
-    shifts = np.arange(len(whole)) - len(whole) // 2
-    return int(min(shifts[whole >= (1 - SETTINGS.coarse) * whole.max()], key=abs, default=0))
+    return _smallest_lag(whole)
+
+
+def _smallest_lag(curve: Array) -> int:
+    """The lag [steps] nearest to none at which a curve (2 k + 1,) is as good as at its best."""
+    shifts = np.arange(len(curve)) - len(curve) // 2
+    return int(min(shifts[curve >= (1 - SETTINGS.coarse) * curve.max(initial=0.0)], key=abs, default=0))
