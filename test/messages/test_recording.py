@@ -68,3 +68,18 @@ def test_an_attitude_that_an_inertial_sensor_says_it_has_not_is_no_signal() -> N
     for covariance, count in ((unknown, 3), (np.zeros((3, 9)), 7)):
         channel = Channel("imu", "sensor_msgs/msg/Imu", stamp, stamp, {**columns, "orientation_covariance": covariance})
         assert len(channel.table().columns) == count
+
+
+def test_of_two_messages_with_one_stamp_each_signal_is_taken_from_the_last_that_has_it() -> None:
+    """Of a car whose rates and accelerations are in two frames of its bus, which are sent together."""
+    stamp = np.array([1, 1, 2, 2])
+    turns, pushes = np.array([0.5, 0, 0.6, 0])[:, None] * np.ones(3), np.array([0, 3.0, 0, 4.0])[:, None] * np.ones(3)
+    known, absent = np.eye(1, 9), -np.eye(1, 9)
+    columns = {
+        "angular_velocity": turns, "angular_velocity_covariance": np.concatenate([known, absent] * 2),
+        "linear_acceleration": pushes, "linear_acceleration_covariance": np.concatenate([absent, known] * 2),
+    }  # fmt: skip
+    table = Channel("imu", "sensor_msgs/msg/Imu", stamp, stamp, columns).table()
+    values = {column.name: column.value.tolist() for column in table.columns}
+    assert values["imu/angular_velocity.z"] == [0.5, 0.6]
+    assert values["imu/linear_acceleration.x"] == [3.0, 4.0]

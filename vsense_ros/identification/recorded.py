@@ -167,6 +167,17 @@ def _at_cog(forces: Array, rates: Array, lever: Array) -> Array:
     return forces - np.cross(turning, lever) - np.cross(rates, np.cross(rates, np.broadcast_to(lever, rates.shape)))
 
 
+def _refuse_absent(outputs: Array, model: str, name: str) -> None:
+    """Raises `InputError` where a recording lacks a signal (N, m) that a model is compared with."""
+    along, across = ("longitudinal acceleration",), ("lateral acceleration", "roll rate", "yaw rate")
+    names = (*along, *across) if model == "best" else across[::2]
+    absent = [one for one, column in zip(names, outputs.T, strict=True) if not np.isfinite(column).any()]
+    if absent:
+        hint = "; the model single_track needs no roll rate" if absent == ["roll rate"] else ""
+        lacking = " and no ".join(absent)
+        raise InputError(f"{name}: there is no {lacking}, with which the model {model} is compared{hint}")
+
+
 def drives(signals_of_drives: Sequence[Signals], model: str) -> list[Drive]:
     """The longest stretch of each recording without a gap, for the model "best" or "single_track". Raises `InputError`
     where there is none, or a sensor is missing that the model needs."""
@@ -179,10 +190,7 @@ def drives(signals_of_drives: Sequence[Signals], model: str) -> list[Drive]:
         else:
             inputs = np.column_stack([recorded.steering, recorded.speed])
             outputs = np.column_stack([recorded.forces[:, 1], recorded.rates[:, 2]])
-        if not np.isfinite(outputs).any(axis=0).all():
-            raise InputError(
-                f"{recorded.name}: a signal that the model {model} is compared with is not in the recording"
-            )
+        _refuse_absent(outputs, model, recorded.name)
         stretch = _longest(recorded.known & np.isfinite(inputs).all(axis=1) & np.isfinite(outputs).all(axis=1))
         if (stretch.stop - stretch.start) * RECORDED.step < RECORDED.shortest:
             raise InputError(

@@ -137,7 +137,7 @@ class Channel:
 
     def table(self) -> Table:
         """The signals of the topic with their units, by time of measurement; without covariances and without what the
-        messages say is absent. Of two messages with one stamp the one that arrived last counts."""
+        messages say is absent. Of two messages with one stamp the one that arrived last counts, for each signal."""
         return Table(self.topic, self.stamp, columns_of(self.topic, self.kind, self.names, self.measured)).in_order()
 
     def select(self, rows: NDArray[np.bool_] | NDArray[np.int64] | slice) -> Channel:

@@ -60,13 +60,19 @@ class Table:
         return np.asarray((self.stamp - (self.stamp[0] if start is None else start)) * 1e-9)
 
     def in_order(self) -> Table:
-        """The rows by time; of several with one stamp the last."""
-        backwards = self.stamp[::-1]
-        stamp, first = np.unique(backwards, return_index=True)
-        if len(stamp) == len(self) and np.array_equal(stamp, self.stamp):
+        """The rows by time; of several with one stamp the last value of each column counts that is not absent."""
+        if (self.stamp[1:] > self.stamp[:-1]).all():
             return self
-        rows = len(self) - 1 - first
-        return Table(self.name, stamp, tuple(Column(c.name, c.unit, c.value[rows]) for c in self.columns))
+        order = np.argsort(self.stamp, kind="stable")
+        ascending = self.stamp[order]
+        first = np.flatnonzero(np.append(True, ascending[1:] != ascending[:-1]))
+        last = np.append(first[1:], len(order)) - 1
+        columns = []
+        for column in self.columns:
+            value = column.value[order]
+            present = np.maximum.reduceat(np.where(np.isnan(value), -1, np.arange(len(value))), first)
+            columns.append(Column(column.name, column.unit, value[np.where(present < first, last, present)]))
+        return Table(self.name, ascending[first], tuple(columns))
 
     def to_pandas(self) -> pandas.DataFrame:
         """A frame with a column for each signal, named with its unit, over the time [s] since the first row.

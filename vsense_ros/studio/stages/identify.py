@@ -25,6 +25,7 @@ def build(bench: Workbench) -> None:
     with ui.element("div").classes("vs-row wrap"):
         model = ui.select(MODELS, value=bench.page.get("model", "best"), label="Model").props("dense outlined")
         model.classes("vs-select")
+        model.on_value_change(lambda event: bench.page.update(model=event.value))
 
         def start() -> None:
             drives, proof = bench.training(), bench.held_out()
