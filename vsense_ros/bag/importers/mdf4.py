@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from vsense_ros.bag.importers import mapping as mapping_file
 from vsense_ros.bag.importers.columns import recording_from
@@ -15,6 +16,8 @@ from vsense_ros.bag.importers.mapping import Column, Ref
 from vsense_ros.driver.mdf import make_asammdf_careful
 from vsense_ros.errors import InputError
 from vsense_ros.messages.recording import Recording
+
+Array = NDArray[np.float64]
 
 NAME = "mdf4"
 DESCRIPTION = "ASAM MDF measurement with a channel mapping (.mf4, .mdf, .dat)"
@@ -40,19 +43,21 @@ def read(path: Path, *, mapping: str | Path | Mapping[str, Any] | None = None) -
             start = file.header.start_time
             start = start if start.tzinfo else start.replace(tzinfo=UTC)
             wanted = wanted.model_copy(update={"time": wanted.time.model_copy(update={"start": start})})
-        return recording_from(wanted, lambda ref: _column(path, file, ref), path.stem, NAME)
+        times: dict[int, Array] = {}
+        return recording_from(wanted, lambda ref: _column(path, file, ref, times), path.stem, NAME)
 
 
 def channels(path: Path) -> tuple[dict[str, Any], dict[str, str]]:
     """Values (n,) and units of all channels of numbers whose names stand once, by name."""
     values: dict[str, Any] = {}
     stated: dict[str, str] = {}
+    times: dict[int, Array] = {}
     with _open(path) as file:
         for name, places in file.channels_db.items():
             if len(places) != 1 or name.lower() in ("t", "time", "timestamp", "timestamps"):
                 continue
             try:
-                found = _column(path, file, Ref(name))
+                found = _column(path, file, Ref(name), times)
             except InputError:
                 continue
             values[name], stated[name] = found.values, found.unit
@@ -81,7 +86,8 @@ def _open(path: Path) -> Any:
         raise InputError(f"{path}: cannot be read as MDF: {error}") from None
 
 
-def _column(path: Path, file: Any, ref: Ref) -> Column:
+def _column(path: Path, file: Any, ref: Ref, times: dict[int, Array]) -> Column:
+    """A channel; the `times` of its group, which take as long to read, are kept for the others of the group."""
     from asammdf.blocks.utils import MdfException
 
     places = file.channels_db.get(ref.name, ())
@@ -100,12 +106,20 @@ def _column(path: Path, file: Any, ref: Ref) -> Column:
         )
     group, index = next(place for place in places if ref.group in (None, place[0]))
     try:
-        signal = file.get(ref.name, group=group, index=index)
+        if group in times and file.version >= "4":
+            samples, invalid = file.get(ref.name, group=group, index=index, samples_only=True)
+            unit = file.groups[group].channels[index].unit
+        else:
+            signal = file.get(ref.name, group=group, index=index)
+            samples, invalid, unit = signal.samples, signal.invalidation_bits, signal.unit
+            times[group] = np.asarray(signal.timestamps, np.float64)
     except (MdfException, ValueError, LookupError, OSError, TypeError) as error:
         raise InputError(f"{path}: channel {ref.name!r} cannot be read: {error}") from None
-    if signal.samples.dtype.kind not in "biuf" or signal.samples.ndim != 1:
-        raise InputError(f"{path}: channel {ref.name!r} holds {signal.samples.dtype}, expected numbers")
-    values = np.asarray(signal.samples, np.float64)
-    if signal.invalidation_bits is not None:
-        values = np.where(np.asarray(signal.invalidation_bits, bool), np.nan, values)
-    return Column(np.asarray(signal.timestamps, np.float64), values, signal.unit or "")
+    if samples.dtype.kind not in "biuf" or samples.ndim != 1:
+        raise InputError(f"{path}: channel {ref.name!r} holds {samples.dtype}, expected numbers")
+    values = np.asarray(samples, np.float64)
+    if len(values) != len(times[group]):
+        raise InputError(f"{path}: channel {ref.name!r} has {len(values)} values at {len(times[group])} times")
+    if invalid is not None:
+        values = np.where(np.asarray(invalid, bool), np.nan, values)
+    return Column(times[group], values, unit or "")
