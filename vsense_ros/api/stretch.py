@@ -24,9 +24,9 @@ class Stretch:
 
         A path that exists is taken as it is, whatever is in its name. Raises `InputError` for limits that are none.
         """
-        path, at, limits = str(text).rpartition("@")
+        path, separator, limits = str(text).rpartition("@")
         begin, colon, end = limits.partition(":")
-        if Path(text).exists() or not at or not colon:
+        if Path(text).exists() or not separator or not colon:
             return cls(Path(text))
         try:
             first, last = (float(part) if part else None for part in (begin, end))

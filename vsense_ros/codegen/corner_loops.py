@@ -142,9 +142,9 @@ class CornerLoops:
         assert step.vector is not None
         lanes = [self.stores.get(value, []) for value in step.vector]
         for i in range(max(map(len, lanes))):
-            at = [lane[i] if i < len(lane) else (_UNPLACED, _UNPLACED) for lane in lanes]
-            for result in dict.fromkeys(result for result, _ in at if result != _UNPLACED):
-                yield result, tuple(element if of_corner == result else _UNPLACED for of_corner, element in at)
+            targets = [lane[i] if i < len(lane) else (_UNPLACED, _UNPLACED) for lane in lanes]
+            for result in dict.fromkeys(result for result, _ in targets if result != _UNPLACED):
+                yield result, tuple(element if of_corner == result else _UNPLACED for of_corner, element in targets)
 
     def _form_of(self, value: int) -> str:
         return self.form(self.values.operations[value], self.values.is_logical(self.values.operands[value][0]))

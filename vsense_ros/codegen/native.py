@@ -250,8 +250,8 @@ class _Matrices(MatrixPrinter):
             f"double {name}[{rows * columns}];",
             f"for (int j = 0; j < {columns}; j++) {{",
         ]
-        at = (f"*(const apart *)({begin} + {rows} * j + {block})" if begin else "all(0)" for block in blocks)
-        sums = [f"lanes s{block} = {value};" for block, value in zip(blocks, at, strict=True)]
+        begins = (f"*(const apart *)({begin} + {rows} * j + {block})" if begin else "all(0)" for block in blocks)
+        sums = [f"lanes s{block} = {value};" for block, value in zip(blocks, begins, strict=True)]
         add = [f"s{block} += *(const apart *)(x + {block}) * all({right}[k]);" for block in blocks]
         stores = [f"*(apart *)({name} + {rows} * j + {block}) = s{block};" for block in blocks]
         loop = [

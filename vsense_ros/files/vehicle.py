@@ -121,8 +121,8 @@ def save_changes(source: str | Path, target: str | Path, vehicle: Vehicle, paths
                 node[key] = _in_one_line(value) if isinstance(value, list) else CommentedMap()
                 node[key].fa.set_flow_style() if i > 0 else node[key].fa.set_block_style()
             node = node[key]
-        at = int(last) if isinstance(value, list) else last
-        node[at] = value[at]
+        index = int(last) if isinstance(value, list) else last
+        node[index] = value[index]
         _state_uncertainty(tree, path, vehicle)
     with atomic_write(target) as file:
         yaml.dump(tree, file)

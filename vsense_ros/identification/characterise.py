@@ -229,12 +229,12 @@ def _radii(characteristics: Characteristics, drives: Sequence[DriveSignals], veh
         rows = _settled(drive) & (np.abs(drive.yaw_rate) < CHARACTERISE.straight_yaw_rate) & ~changing
         if rows.sum() * DRIVE_SIGNALS.step < 2.0:
             continue
-        at = f" ({drive.name})" if drive.name.startswith("straight") else ""
-        if vehicle is not None and drive.wheels is not None and not at:
+        test_name = f" ({drive.name})" if drive.name.startswith("straight") else ""
+        if vehicle is not None and drive.wheels is not None and not test_name:
             continue
         for axle, pair in (("front", slice(0, 2)), ("rear", slice(2, 4))):
             spin = drive.spin[rows][:, pair].mean(axis=1, keepdims=True)
-            parts.setdefault(f"rolling radius, {axle}{at}", []).append((spin, drive.speed[rows]))
+            parts.setdefault(f"rolling radius, {axle}{test_name}", []).append((spin, drive.speed[rows]))
     if not parts:
         why = "no wheel speeds" if all(d.spin is None for d in drives) else "no straight at a constant speed"
         characteristics.quantities.append(Quantity("rolling radius", "m", note=why))

@@ -448,8 +448,10 @@ def _slip_error(
     states = OpenLoop(model, values, STEERING[:1]).states(drive, np.array([values[STEERING[0]]]))
     lateral, yaw = (states[:, names.index(name)] for name in ("lateral_velocity", "yaw_rate"))
     speed = states[:, 0] if names[0] == "speed" else drive.inputs[:, 1]
-    at = (truth.stamp - recording.first_stamp) * 1e-9
+    reference_times = (truth.stamp - recording.first_stamp) * 1e-9
     true = np.interp(
-        drive.begin + drive.seconds, at, np.arctan2(truth.columns["linear"][:, 1], truth.columns["linear"][:, 0])
+        drive.begin + drive.seconds,
+        reference_times,
+        np.arctan2(truth.columns["linear"][:, 1], truth.columns["linear"][:, 0]),
     )
     return (true - np.arctan2(lateral, speed)), yaw / speed

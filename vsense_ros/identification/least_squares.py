@@ -228,14 +228,14 @@ def _attempts(
 def slopes_at(
     residuals: ResidualFunction,
     start: ParameterSet,
-    at: Fit,
+    fitted: Fit,
     progress: Callable[[], None] = lambda: None,
     step: float = SEARCH.secant,
 ) -> list[Array]:
     """By block, (rows, k): secants by all free parameters of a fit from where it is, per deviation; it began at
     `start`."""
-    slopes = [np.zeros((len(r), len(at.free_parameters))) for r in at.residuals]
-    for i, columns in enumerate(slopes_by(residuals, start, at, at.free_parameters, step)):
+    slopes = [np.zeros((len(r), len(fitted.free_parameters))) for r in fitted.residuals]
+    for i, columns in enumerate(slopes_by(residuals, start, fitted, fitted.free_parameters, step)):
         for block, column in zip(slopes, columns, strict=True):
             block[:, i] = column
         progress()
@@ -368,9 +368,9 @@ def _fitting(
     best = replace(best, slopes=slopes)
     fall = 0.0
     for iteration in range(settings.iterations):
-        at = replace(best, weight=_weight(settings, first, best))
-        best = yield from _stepped(residuals, start, at, instead, settings.longest)
-        fall = 1 - best.value / max(at.value, 1e-12)
+        present = replace(best, weight=_weight(settings, first, best))
+        best = yield from _stepped(residuals, start, present, instead, settings.longest)
+        fall = 1 - best.value / max(present.value, 1e-12)
         progress()
         if fall < SEARCH.converged_fall:
             break
@@ -379,11 +379,11 @@ def _fitting(
     return replace(best, weight=_weight(settings, first, best), converged=fall < SEARCH.unconverged_fall)
 
 
-def _weight(settings: Settings, first: Fit | None, at: Fit) -> float:
+def _weight(settings: Settings, first: Fit | None, fitted: Fit) -> float:
     """What a free parameter that is one deviation off costs in a fit."""
     if first is not None:
         return first.weight
-    return prior_weight(at.residuals) if settings.weight is None else settings.weight
+    return prior_weight(fitted.residuals) if settings.weight is None else settings.weight
 
 
 def _best_start(residuals: ResidualFunction, start: ParameterSet, free_parameters: Sequence[FreeParameter]) -> Array:
@@ -402,56 +402,64 @@ def _best_start(residuals: ResidualFunction, start: ParameterSet, free_parameter
 
 
 def _stepped(
-    residuals: ResidualFunction, start: ParameterSet, at: Fit, instead: Sequence[Array] | None, longest: float
+    residuals: ResidualFunction, start: ParameterSet, present: Fit, instead: Sequence[Array] | None, longest: float
 ) -> _Fitting:
     """A fit one step further along the slopes, which learn from it; the same fit if no step is better.
 
     What a step that was too long missed shows how the way bends: a shorter one follows the arc (as the geodesic
     acceleration of Transtrum and Sethna, 2012, does, with a second derivative that costs no simulation).
     """
-    deviations = np.array([parameter.deviation for parameter in at.free_parameters])
-    low, high = np.array([k.low for k in at.free_parameters]), np.array([k.high for k in at.free_parameters])
-    best = at
+    deviations = np.array([parameter.deviation for parameter in present.free_parameters])
+    low, high = np.array([k.low for k in present.free_parameters]), np.array([k.high for k in present.free_parameters])
+    best = present
     for caution, shares in SEARCH.caution:
-        step = solve(at.slopes, at.residuals, at.scaled_offsets, at.weight, caution, longest)
-        promised = _promised(at, step)
-        if promised < SEARCH.converged_fall * at.value:
+        step = solve(present.slopes, present.residuals, present.scaled_offsets, present.weight, caution, longest)
+        promised = _promised(present, step)
+        if promised < SEARCH.converged_fall * present.value:
             break
         bend = np.zeros(len(step))
         for share in shares:
-            offsets = np.clip(at.offsets + (share * step + share**2 / 2 * bend) * deviations, low, high)
-            parameter_set = with_offsets(start, at.free_parameters, offsets)
+            offsets = np.clip(present.offsets + (share * step + share**2 / 2 * bend) * deviations, low, high)
+            parameter_set = with_offsets(start, present.free_parameters, offsets)
             yield parameter_set
             try:
                 new_residuals = residuals(parameter_set, instead)
             except DivergedError:
                 continue
-            tried = replace(at, parameter_set=parameter_set, offsets=offsets, residuals=new_residuals)
-            missed = _missed(at, tried)
+            tried = replace(present, parameter_set=parameter_set, offsets=offsets, residuals=new_residuals)
+            missed = _missed(present, tried)
             if tried.value < best.value:
-                best = _learnt(at, tried, missed)
-            if at.value - tried.value > SEARCH.sufficient_share * share * (2 - share) * promised:
+                best = _with_updated_slopes(present, tried, missed)
+            if present.value - tried.value > SEARCH.sufficient_share * share * (2 - share) * promised:
                 return best
-            bend = solve(at.slopes, [2 * m / share**2 for m in missed], np.zeros(len(step)), at.weight, caution)
+            bend = solve(
+                present.slopes, [2 * m / share**2 for m in missed], np.zeros(len(step)), present.weight, caution
+            )
             bend *= min(1.0, SEARCH.most_bent * float(np.linalg.norm(step)) / max(float(np.linalg.norm(bend)), 1e-12))
     return best
 
 
-def _promised(at: Fit, step: Array) -> float:
+def _promised(present: Fit, step: Array) -> float:
     """How much less the value is after a step (k,) [deviations], if the residuals follow their slopes."""
-    line = [r + s @ step for r, s in zip(at.residuals, at.slopes, strict=True)]
-    return at.value - cost(line) - at.weight * float((at.scaled_offsets + step) @ (at.scaled_offsets + step))
+    line = [r + s @ step for r, s in zip(present.residuals, present.slopes, strict=True)]
+    return (
+        present.value
+        - cost(line)
+        - present.weight * float((present.scaled_offsets + step) @ (present.scaled_offsets + step))
+    )
 
 
-def _missed(at: Fit, tried: Fit) -> list[Array]:
+def _missed(present: Fit, tried: Fit) -> list[Array]:
     """By block, what residuals after a step are beyond what the slopes promised."""
-    moved = tried.scaled_offsets - at.scaled_offsets
-    return [new - old - s @ moved for new, old, s in zip(tried.residuals, at.residuals, at.slopes, strict=True)]
+    moved = tried.scaled_offsets - present.scaled_offsets
+    return [
+        new - old - s @ moved for new, old, s in zip(tried.residuals, present.residuals, present.slopes, strict=True)
+    ]
 
 
-def _learnt(at: Fit, tried: Fit, missed: Sequence[Array]) -> Fit:
-    """A fit after a step, with slopes that would have promised what it found and are otherwise as they were
+def _with_updated_slopes(present: Fit, tried: Fit, missed: Sequence[Array]) -> Fit:
+    """A fit after a step, with slopes that would have predicted its residuals and are otherwise as they were
     (Broyden, 1965)."""
-    moved = tried.scaled_offsets - at.scaled_offsets
+    moved = tried.scaled_offsets - present.scaled_offsets
     direction = moved / float(moved @ moved)
-    return replace(tried, slopes=[s + np.outer(m, direction) for s, m in zip(at.slopes, missed, strict=True)])
+    return replace(tried, slopes=[s + np.outer(m, direction) for s, m in zip(present.slopes, missed, strict=True)])

@@ -88,10 +88,10 @@ class Likelihood:
         self.factors = np.zeros(len(self.noisy) + self._m)
         self._dense = Dense(system, [sensor], self._of(identifier.begin(), self.factors))
         self._filter = Ekf(self._dense)
-        at = Symbols(system)
-        measured, _ = at.measured(sensor)
-        results = [measured, ca.densify(ca.jacobian(measured, at.x.vector))]
-        self._outputs = ca.Function("outputs", [at.x.vector, at.u.vector, at.theta.vector], results)
+        symbols = Symbols(system)
+        measured, _ = symbols.measured(sensor)
+        results = [measured, ca.densify(ca.jacobian(measured, symbols.x.vector))]
+        self._outputs = ca.Function("outputs", [symbols.x.vector, symbols.u.vector, symbols.theta.vector], results)
         self._variance = np.square(np.asarray(identifier.noise.outputs, dtype=float))
 
     def _of(self, values: Array, factors: Array) -> Array:

@@ -254,7 +254,7 @@ def maximise(
         [sensor_innovations.credible() for sensor_innovations in innovations_here],
     )
 
-    def at(points: Sequence[Array], done: Progress | None = None) -> list[list[Innovations]]:
+    def evaluate_messages(points: Sequence[Array], done: Progress | None = None) -> list[list[Innovations]]:
         """`evaluate`, of the messages that there were at zero."""
         return [
             [sensor_innovations.at(stamp) for sensor_innovations, stamp in zip(by_sensor, stamps, strict=True)]
@@ -274,7 +274,7 @@ def maximise(
         return before - after + float(np.sum((offsets / deviations) ** 2) - np.sum((new_offsets / deviations) ** 2))
 
     for iteration in range(iterations):
-        nearby = at(
+        nearby = evaluate_messages(
             [offsets + NOISE.difference * unit for unit in np.eye(count)], part(progress, iteration, iterations)
         )
         equations = _equations(free_parameters, offsets, innovations_here, nearby, credible)
@@ -285,7 +285,7 @@ def maximise(
         step *= min(1.0, NOISE.largest_step / float(np.abs(step).max()))
         for shorter in NOISE.shares_of_step:
             new_offsets = np.clip(offsets + shorter * step, low, high)
-            new_innovations = at([new_offsets])[0]
+            new_innovations = evaluate_messages([new_offsets])[0]
             if rise(new_offsets, new_innovations) > 0:
                 break
         else:
@@ -301,8 +301,8 @@ def _scoring_step(equations: NormalEquations, offsets: Array) -> Array:
     beyond."""
     free_parameters, uphill = equations.free_parameters, equations.gradient
     moving = [
-        i for i, (free, at) in enumerate(zip(free_parameters, offsets, strict=True))
-        if not (at <= free.low and uphill[i] >= 0) and not (at >= free.high and uphill[i] <= 0)
+        i for i, (free, offset) in enumerate(zip(free_parameters, offsets, strict=True))
+        if not (offset <= free.low and uphill[i] >= 0) and not (offset >= free.high and uphill[i] <= 0)
     ]  # fmt: skip
     change = np.zeros(len(free_parameters))
     change[moving] = equations.only(moving).change()

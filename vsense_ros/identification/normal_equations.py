@@ -102,9 +102,10 @@ class NormalEquations:
         while True:
             change = equations.change()
             leaving = {
-                p.name for p, at, step in zip(equations.free_parameters, equations.scaled_offsets, change, strict=True)
+                p.name
+                for p, offset, step in zip(equations.free_parameters, equations.scaled_offsets, change, strict=True)
                 if p.name in names
-                and ((at <= p.low / p.deviation and step < 0) or (at >= p.high / p.deviation and step > 0))
+                and ((offset <= p.low / p.deviation and step < 0) or (offset >= p.high / p.deviation and step > 0))
             }  # fmt: skip
             if not leaving:
                 return equations, change

@@ -30,10 +30,10 @@ class OpenLoop:
         self._n, self._m = len(system.names), len(model.outputs)
         self._fixed = np.array([values[name] for name in augmented.parameters])
         self._filter = Ekf(Dense(augmented, [sensor], self._fixed))
-        at = Symbols(augmented)
-        measured, _ = at.measured(sensor)
-        results = [measured, ca.densify(ca.jacobian(measured, at.x.vector))]
-        self._outputs = ca.Function("outputs", [at.x.vector, at.u.vector, at.theta.vector], results)
+        symbols = Symbols(augmented)
+        measured, _ = symbols.measured(sensor)
+        results = [measured, ca.densify(ca.jacobian(measured, symbols.x.vector))]
+        self._outputs = ca.Function("outputs", [symbols.x.vector, symbols.u.vector, symbols.theta.vector], results)
 
     def states(self, drive: Drive, values: Array) -> Array:
         """(N, n). Raises `FloatingPointError` where they are none that can be."""

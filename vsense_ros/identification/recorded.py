@@ -79,17 +79,17 @@ def signals(recording: Recording, vehicle: Vehicle) -> Signals:
     t = np.arange(begin, end, RECORDED.step)
     covered = np.ones(len(t), dtype=bool)
 
-    def at(key: str) -> Array:
+    def on_clock(key: str) -> Array:
         stamps, value = measured[key]
         nearest = np.searchsorted(stamps, t).clip(1, len(stamps) - 1)
         covered[:] &= stamps[nearest] - stamps[nearest - 1] < RECORDED.longest_gap
         return np.column_stack([_interpolated(t, stamps, column) for column in value.T])
 
-    inertial = at(imu)
+    inertial = on_clock(imu)
     rates, forces = inertial[:, :3], inertial[:, 3:6]
-    angle = at(steering)[:, 0]
+    angle = on_clock(steering)[:, 0]
     radii = rolling_radii(vehicle)
-    spins = None if wheels is None else at(wheels)
+    spins = None if wheels is None else on_clock(wheels)
     if spins is not None and np.isfinite(spins).all():
         speed = np.median(spins * radii, axis=1)
         spins = _alike(spins, radii, rates[:, 2], speed)
@@ -253,8 +253,8 @@ def _longest(good: Mask) -> slice:
     if not len(edges):
         return slice(0, 0)
     begins, ends = edges[::2], edges[1::2]
-    at = int(np.argmax(ends - begins))
-    return slice(int(begins[at]), int(ends[at]))
+    longest = int(np.argmax(ends - begins))
+    return slice(int(begins[longest]), int(ends[longest]))
 
 
 def _refuse_spin(recorded: Signals, stretch: slice) -> None:
@@ -265,8 +265,8 @@ def _refuse_spin(recorded: Signals, stretch: slice) -> None:
     excess_yaw_rate = np.abs(yaw) - np.abs(path) - 0.15
     slip = np.degrees(np.convolve(np.clip(excess_yaw_rate, 0, None), np.ones(100), "same") * RECORDED.step)
     if slip.max() > RECORDED.spin_angle:
-        at = recorded.t[part][int(np.argmax(slip))]
+        seconds = recorded.t[part][int(np.argmax(slip))]
         raise InputError(
-            f"{recorded.name}: at {at:.1f} s the car turns {slip.max():.0f}° beyond its path within a second: a spin, "
-            "in which no parameter of its tyres can be determined; leave that part out"
+            f"{recorded.name}: at {seconds:.1f} s the car turns {slip.max():.0f}° beyond its path within a second: a "
+            "spin, in which no parameter of its tyres can be determined; leave that part out"
         )

@@ -250,10 +250,10 @@ class Identifier:
             squares.append((drive.outputs[:: RINSING.history] - expected) ** 2)
         outside = (belief.mean <= self.low) | (belief.mean >= self.high)
         if outside.any():
-            at = int(np.argmax(outside))
+            first_outside = int(np.argmax(outside))
             raise FloatingPointError(
-                f"{self.free[at]} went to {belief.mean[at]:.4g}, beyond its bounds {self.low[at]:.4g} and "
-                f"{self.high[at]:.4g}"
+                f"{self.free[first_outside]} went to {belief.mean[first_outside]:.4g}, beyond its bounds "
+                f"{self.low[first_outside]:.4g} and {self.high[first_outside]:.4g}"
             )
         filter_pass = Pass(
             belief.mean, self.moved(np.asarray(values), belief.mean), float(np.sqrt(total / max(count, 1))),
@@ -343,6 +343,8 @@ def _cautiously(
 
 def _outputs(model: Rates, augmented: Augmented) -> ca.Function:
     """(state with parameters, inputs, other parameters) → outputs (m,)."""
-    at = Symbols(augmented)
+    symbols = Symbols(augmented)
     measured = Measurement(SENSOR, lambda x, z, u, p: list(model.measured(x, u, p)), (1.0,) * len(model.outputs))
-    return ca.Function("outputs", [at.x.vector, at.u.vector, at.theta.vector], [at.measured(measured)[0]])
+    return ca.Function(
+        "outputs", [symbols.x.vector, symbols.u.vector, symbols.theta.vector], [symbols.measured(measured)[0]]
+    )

@@ -89,8 +89,8 @@ def upright_drive(name: str, vehicle: Vehicle) -> Trajectory:
         raise InputError(f"{error} of {name}; is there a value in the vehicle file that no car has?") from None
     overturned = np.flatnonzero(np.abs(trajectory.q[:, ROLL]) > _OVERTURNED)
     if len(overturned):
-        at = trajectory.t[overturned[0]]
-        raise InputError(f"{vehicle.name} overturns at {at:.1f} s of {name}: take a slower one, or another car")
+        seconds = trajectory.t[overturned[0]]
+        raise InputError(f"{vehicle.name} overturns at {seconds:.1f} s of {name}: take a slower one, or another car")
     return trajectory
 
 

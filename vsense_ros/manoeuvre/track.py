@@ -134,9 +134,9 @@ class Track:
 
     def slopes(self, distance: Array | float) -> tuple[Array, Array]:
         """Grade and bank at arc lengths (m,) [rad]: those of the first and last piece before and beyond them."""
-        at = np.clip(np.searchsorted(self._levels, distance, side="right") - 1, 0, len(self._levels) - 1)
+        piece = np.clip(np.searchsorted(self._levels, distance, side="right") - 1, 0, len(self._levels) - 1)
         if not self.blend:
-            return self._slopes[at, 0], self._slopes[at, 1]
+            return self._slopes[piece, 0], self._slopes[piece, 1]
         share = (np.asarray(distance)[..., None] - self._levels[1:]) / self.blend + 0.5
         share = np.clip(share, 0.0, 1.0)
         share = share**2 * (3 - 2 * share)

@@ -76,7 +76,7 @@ class Layout:
     @cached_property
     def wide(self) -> Mapping[str, tuple[int, int]]:
         """First byte, and the one after the last, of each field of 64-bit numbers."""
-        return {name: (at, at + 8 * n) for name, (format_, n, at) in self.offsets.items() if format_ == "<f8"}
+        return {name: (begin, begin + 8 * n) for name, (format_, n, begin) in self.offsets.items() if format_ == "<f8"}
 
     @cached_property
     def other_fields(self) -> tuple[str, ...]:

@@ -79,22 +79,22 @@ def encode_can_frame(frame: CanFrame, frame_id: str = "") -> bytes:
 
 def decode_can_frame(data: bytes) -> CanFrame:
     """A can_msgs/Frame from its CDR bytes. Raises `InputError` for others."""
-    (_, at), (seconds, nanoseconds) = _text_behind_stamp(data, "can_msgs/msg/Frame")
-    at += -at % 4
-    if len(data) < at + 16:
-        raise InputError(f"a can_msgs/msg/Frame needs {at + 16} bytes, found {len(data)}")
-    identifier, remote, extended, error, length = struct.unpack_from("<I3?B", data, at)
+    (_, offset), (seconds, nanoseconds) = _text_behind_stamp(data, "can_msgs/msg/Frame")
+    offset += -offset % 4
+    if len(data) < offset + 16:
+        raise InputError(f"a can_msgs/msg/Frame needs {offset + 16} bytes, found {len(data)}")
+    identifier, remote, extended, error, length = struct.unpack_from("<I3?B", data, offset)
     if length > 8:
         raise InputError(f"a can_msgs/msg/Frame has up to 8 bytes, dlc says {length}")
-    content = b"" if remote else data[at + 8 : at + 8 + length]
+    content = b"" if remote else data[offset + 8 : offset + 8 + length]
     stamp = seconds * 1_000_000_000 + nanoseconds
     return CanFrame(stamp, identifier, content, remote, extended, error, length)
 
 
 def decode_sentence(data: bytes) -> bytes:
     """The sentence of a nmea_msgs/Sentence from its CDR bytes. Raises `InputError` for others."""
-    (_, at), _ = _text_behind_stamp(data, "nmea_msgs/msg/Sentence")
-    text, _ = _text_at(data, at + -at % 4, "nmea_msgs/msg/Sentence")
+    (_, offset), _ = _text_behind_stamp(data, "nmea_msgs/msg/Sentence")
+    text, _ = _text_at(data, offset + -offset % 4, "nmea_msgs/msg/Sentence")
     return text
 
 
@@ -104,13 +104,13 @@ def _text_behind_stamp(data: bytes, kind: str) -> tuple[tuple[bytes, int], tuple
     return _text_at(data, 12, kind), struct.unpack_from("<iI", data, 4)
 
 
-def _text_at(data: bytes, at: int, kind: str) -> tuple[bytes, int]:
+def _text_at(data: bytes, offset: int, kind: str) -> tuple[bytes, int]:
     """A text without its final NUL, and the position behind it."""
-    length = int.from_bytes(data[at : at + 4], "little") if at + 4 <= len(data) else 0
-    end = at + 4 + length
+    length = int.from_bytes(data[offset : offset + 4], "little") if offset + 4 <= len(data) else 0
+    end = offset + 4 + length
     if length == 0 or end > len(data):
-        raise InputError(f"not a {kind} message: a text of {length} bytes at byte {at} of {len(data)}")
-    return data[at + 4 : end - 1], end
+        raise InputError(f"not a {kind} message: a text of {length} bytes at byte {offset} of {len(data)}")
+    return data[offset + 4 : end - 1], end
 
 
 def encode_text(text: str) -> bytes:

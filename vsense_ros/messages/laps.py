@@ -63,8 +63,8 @@ def _by_way(seconds: Array, place: Array) -> tuple[Array, Array, Array]:
     """Times and places (n, 2) every `SETTINGS.step` of the way, from its smoothed course."""
     moved = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(place, axis=0).T))])
     moving = np.concatenate([[True], np.diff(moved) > 1e-6])
-    at = np.arange(0.0, moved[-1], SETTINGS.step)
-    return tuple(np.interp(at, moved[moving], v[moving]) for v in (seconds, place[:, 0], place[:, 1]))  # type: ignore[return-value]
+    distance = np.arange(0.0, moved[-1], SETTINGS.step)
+    return tuple(np.interp(distance, moved[moving], v[moving]) for v in (seconds, place[:, 0], place[:, 1]))  # type: ignore[return-value]
 
 
 def _passes(x: Array, y: Array) -> list[int]:

@@ -13,14 +13,14 @@ from scipy.interpolate import CubicSpline
 Array = NDArray[np.float64]
 
 
-def spline(at: Array, value: Array) -> CubicSpline:
-    """Through values (n,) at two places or more, `at` (n,) [m], which increase."""
-    return CubicSpline(at, value, bc_type="natural")
+def spline(distance: Array, value: Array) -> CubicSpline:
+    """Through values (n,) at two places or more, `distance` (n,) [m], which increase."""
+    return CubicSpline(distance, value, bc_type="natural")
 
 
-def changes(at: Array, value: Array) -> Array:
-    """What the values (n,) at places `at` (n,) [m] change by per metre there; nothing of one place."""
-    return np.asarray(spline(at, value)(at, 1)) if len(at) > 1 else np.zeros(len(at))
+def changes(distance: Array, value: Array) -> Array:
+    """What the values (n,) at places `distance` (n,) [m] change by per metre there; nothing of one place."""
+    return np.asarray(spline(distance, value)(distance, 1)) if len(distance) > 1 else np.zeros(len(distance))
 
 
 def between(share: float, length: float, value: Array, change: Array) -> tuple[float, float]:

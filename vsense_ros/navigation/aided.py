@@ -234,8 +234,11 @@ class Aided(Filter):
             for name, make, _, usual in self.use[self.inertial or ""].measurements:
                 if axis in (places := _places(make)):
                     innovation = self._measure(name, make(value, variance), usual, -1.0, 1.0)
-                    at = places.index(axis)
-                    distance, deviation = innovation.whitened.item(at), innovation.factor.item(at, at)
+                    component = places.index(axis)
+                    distance, deviation = (
+                        innovation.whitened.item(component),
+                        innovation.factor.item(component, component),
+                    )
         whitened[axis], factor[axis, axis] = distance, deviation
         return Innovation(whitened, factor, distance * distance, False)
 
@@ -250,14 +253,14 @@ class Aided(Filter):
 
     def move(self, element: int, by: float, deviation: float) -> None:
         """Let an element of `names` jump by this; its error has this standard deviation and no correlation then."""
-        name, at = self.names[element], element
+        name, place = self.names[element], element
         for part in filters_of(self.filter):
-            if at >= len(part.names):
-                at -= len(part.names)
+            if place >= len(part.names):
+                place -= len(part.names)
                 continue
             error = self._error_names(part).index(name.rpartition(".")[2])
             for ekf in getattr(part, "bank", [part]):
-                ekf.mean[at] += by
+                ekf.mean[place] += by
                 ekf.covariance[error, :] = ekf.covariance[:, error] = 0.0
                 ekf.covariance[error, error] = deviation**2
             if hasattr(part, "mix"):
@@ -383,10 +386,12 @@ class OfAxes:
             axes = [AXES.index(name) for name in system.inputs if name in AXES]
             if not axes:
                 continue
-            at, densities = Symbols(system), ca.SX.sym("densities", len(axes))
-            variances = {AXES[axis]: densities[k] / at.h for k, axis in enumerate(axes)}
-            added = ca.densify(system.noise_of_inputs(at.x, at.u, at.theta, at.h, variances))
-            function = codegen.function("added", [*at.now, at.h, densities], [added], ("x", "u", "p", "h", "densities"))
+            symbols, densities = Symbols(system), ca.SX.sym("densities", len(axes))
+            variances = {AXES[axis]: densities[k] / symbols.h for k, axis in enumerate(axes)}
+            added = ca.densify(system.noise_of_inputs(symbols.x, symbols.u, symbols.theta, symbols.h, variances))
+            function = codegen.function(
+                "added", [*symbols.now, symbols.h, densities], [added], ("x", "u", "p", "h", "densities")
+            )
             own_densities, kernels = np.zeros(len(axes)), []
             for ekf in getattr(part, "bank", [part]):
                 kernel = Kernel(function, [ekf.mean, ekf.inputs, parameters_of(ekf), self._length, own_densities])
@@ -409,18 +414,18 @@ class Memory:
     def __init__(self, remembered: Remembered, filter: Aided) -> None:
         names = list(filter.definition.parts)
         part = filters_of(filter.filter)[names.index(remembered.part)]
-        at = Symbols(filter.definition.parts[remembered.part][0])
+        symbols = Symbols(filter.definition.parts[remembered.part][0])
         value = ca.SX.sym("value", 6 if remembered.measures == "rates and forces" else 2)
-        errors = at.system.error_names
+        errors = symbols.system.error_names
         covariance = ca.SX.sym("covariance", len(errors), len(errors))
         variance = Named(ca.diag(covariance), errors, "element of the error")
-        remembered_inputs = remembered.equation(at.x, at.u, at.theta, value, variance)
+        remembered_inputs = remembered.equation(symbols.x, symbols.u, symbols.theta, value, variance)
         self.remembered, self._part, self._parameters = remembered, part, parameters_of(part)
         self.places = [filter.input_names.index(name) for name in remembered_inputs]  # among the inputs of all parts
-        self.own = [at.system.inputs.index(name) for name in remembered_inputs]  # among those of the part
+        self.own = [symbols.system.inputs.index(name) for name in remembered_inputs]  # among those of the part
         self._inputs, self._value = filter.inputs, np.zeros(value.numel())
         results = [expression(list(remembered_inputs.values()))]
-        arguments = [*at.now, value, covariance]
+        arguments = [*symbols.now, value, covariance]
         self.function = codegen.function("remembered", arguments, results, ("x", "u", "p", "value", "covariance"))
         bound = [part.mean, part.inputs, self._parameters, self._value, part.covariance.reshape(-1)]
         self._kernel = Kernel(self.function, bound)

@@ -83,11 +83,11 @@ class Readout:
         slow: list[str] = []
         self._slow: list[tuple[int, list[int], list[int]]] = []
         for i, (part, (system, _)) in enumerate(definition.parts.items()):
-            at = Symbols(system)
-            estimated = system.motion(at.x, at.u, at.theta)
+            symbols = Symbols(system)
+            estimated = system.motion(symbols.x, symbols.u, symbols.theta)
             value = expression(list(estimated.values()))
-            by_input = ca.densify(ca.jacobian(value, at.u.vector))
-            functions.append(ca.Function("motion", at.now, [value, at.by_error(value), by_input]))
+            by_input = ca.densify(ca.jacobian(value, symbols.u.vector))
+            functions.append(ca.Function("motion", symbols.now, [value, symbols.by_error(value), by_input]))
             names.append(list(estimated))
             own_names = [n for n in system.names if n not in MOTION and n in system.error_names]
             slow += [f"{part}.{n}" if definition.is_cascade else n for n in own_names]

@@ -56,9 +56,9 @@ class NavigationSpace(StateSpace):
 
     def start(self, first_readings: FirstReadings) -> Gaussian:
         """Mean and covariance at start, by the first readings and the numbers of the car."""
-        at = self.begin(first_readings)
+        initial = self.begin(first_readings)
         deviations = np.array([self.uncertain(name, first_readings) for name in self.error_names])
-        return Gaussian(np.array([at.get(name, 0.0) for name in self.names]), np.diag(deviations**2))
+        return Gaussian(np.array([initial.get(name, 0.0) for name in self.names]), np.diag(deviations**2))
 
 
 def drifting(h: Any, *densities: float) -> ca.SX:
@@ -122,8 +122,9 @@ class Definition:
         beliefs = [system.start(first_readings) for system, _ in self.parts.values()]
         sizes = [len(belief.covariance) for belief in beliefs]
         covariance = np.zeros((sum(sizes), sum(sizes)))
-        for at, belief in zip(np.cumsum([0, *sizes]), beliefs, strict=False):
-            covariance[at : at + len(belief.covariance), at : at + len(belief.covariance)] = belief.covariance
+        for offset, belief in zip(np.cumsum([0, *sizes]), beliefs, strict=False):
+            rows = slice(offset, offset + len(belief.covariance))
+            covariance[rows, rows] = belief.covariance
         return Gaussian(np.concatenate([belief.mean for belief in beliefs]), covariance)
 
     @property

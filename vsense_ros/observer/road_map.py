@@ -159,9 +159,9 @@ def with_changes(rows: Rows, on_map: Map) -> Array:
     return np.column_stack([placed_rows, np.concatenate([road_profile.changes(*stretch) for stretch in stretches])])
 
 
-def joined_chords(at: Array) -> tuple[Array, NDArray[np.int64]]:
+def joined_chords(places_of_rows: Array) -> tuple[Array, NDArray[np.int64]]:
     """How far it is from each place (n, 2) to the next [m], (n - 1,), and which of them (k,) are joined by a road."""
-    length = np.linalg.norm(np.diff(at, axis=0), axis=1)
+    length = np.linalg.norm(np.diff(places_of_rows, axis=0), axis=1)
     return length, np.flatnonzero((length > 0) & (length < JOINED)).astype(np.int64)
 
 

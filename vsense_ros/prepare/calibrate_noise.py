@@ -18,7 +18,7 @@ from vsense_ros.prepare.calibration_drive import CALIBRATION, CalibrationDrive
 def noise_levels(drives: Sequence[CalibrationDrive], car: Vehicle) -> Iterator[Calibrated]:
     """Standard deviations of gyros, accelerometers, wheel speeds and the GNSS velocity."""
     for name, sensor in car.sensors.items():
-        at = f"sensors.{name}"
+        path = f"sensors.{name}"
         if isinstance(sensor, Imu):
             for key, field, unit, before in (
                 ("rates", "rate_noise", "rad/s", sensor.rate_noise),
@@ -27,13 +27,13 @@ def noise_levels(drives: Sequence[CalibrationDrive], car: Vehicle) -> Iterator[C
                 for axis, level in enumerate(_levels(drives, key, _latency(car, name))):
                     if np.isfinite(level):
                         words = f"noise of the {'gyro' if key == 'rates' else 'accelerometer'} {'xyz'[axis]}"
-                        yield _noise(words, unit, before[axis], level, f"{at}.{field}.{axis}")
+                        yield _noise(words, unit, before[axis], level, f"{path}.{field}.{axis}")
         elif isinstance(sensor, WheelSpeeds | GnssVelocity):
             key = "spin" if isinstance(sensor, WheelSpeeds) else "velocity"
             levels = _levels(drives, key, _latency(car, name))
             if np.isfinite(levels).any():
                 words, unit = ("wheel speeds", "rad/s") if key == "spin" else ("the GNSS velocity", "m/s")
-                yield _noise(f"noise of {words}", unit, sensor.noise, float(np.nanmax(levels)), f"{at}.noise")
+                yield _noise(f"noise of {words}", unit, sensor.noise, float(np.nanmax(levels)), f"{path}.noise")
 
 
 def _levels(drives: Sequence[CalibrationDrive], key: str, latency: float) -> NDArray[np.float64]:

@@ -142,7 +142,7 @@ def drive_of(recording: Recording, vehicle: Vehicle) -> CalibrationDrive:
     for quantity, description in (("velocity", "GNSS velocity (gps/velocity)"), ("rates", "yaw rate (imu/data)")):
         if quantity not in measured:
             raise InputError(f"{recording.name}: no {description}; calibration compares the other sensors with it")
-    begin, end = (pick([time[at] for time, _ in measured.values()]) for pick, at in ((max, 0), (min, -1)))
+    begin, end = (pick([time[index] for time, _ in measured.values()]) for pick, index in ((max, 0), (min, -1)))
     t = np.arange(begin, end, CALIBRATION.step)
     if len(t) * CALIBRATION.step < CALIBRATION.least_driving:
         raise InputError(

@@ -94,5 +94,5 @@ def _figure(feature: Feature) -> str:
     limits = feature.limits
     unit = "" if limits.unit == "-" else f" {limits.unit}"
     low, high = limits.range
-    at = f" ({feature.place})" if feature.place else ""
-    return f"{limits.meaning}{at} is {feature.value:.3g}{unit}, real cars have {low:g} to {high:g}{unit}"
+    place = f" ({feature.place})" if feature.place else ""
+    return f"{limits.meaning}{place} is {feature.value:.3g}{unit}, real cars have {low:g} to {high:g}{unit}"

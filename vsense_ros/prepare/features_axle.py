@@ -43,40 +43,42 @@ def _frequency(part: Axle, load: float) -> float:
 
 
 def _suspension(axle: str, part: Axle, load: float) -> Iterator[Feature]:
-    at = f"physics.{axle}."
-    spring, damper, tyre = f"{at}suspension_stiffness", f"{at}suspension_damping", f"{at}tyre_stiffness"
+    prefix = f"physics.{axle}."
+    spring, damper, tyre = f"{prefix}suspension_stiffness", f"{prefix}suspension_damping", f"{prefix}tyre_stiffness"
     yield Feature("bounce_frequency", _frequency(part, load), (spring, tyre, "physics.chassis.mass"), axle)
     ratio = part.suspension_damping / (2 * sqrt(part.suspension_stiffness * _sprung(part, load)))
     yield Feature("damping_ratio", ratio, (damper, spring), axle)
     unsprung = part.hub_mass + part.wheel_mass
     hop = sqrt((part.suspension_stiffness + part.tyre_stiffness) / unsprung) / (2 * pi)
-    yield Feature("wheel_hop_frequency", hop, (tyre, spring, f"{at}hub_mass", f"{at}wheel_mass"), axle)
-    yield Feature("roll_centre_height", part.roll_centre_height, (f"{at}roll_centre_height",), axle)
+    yield Feature("wheel_hop_frequency", hop, (tyre, spring, f"{prefix}hub_mass", f"{prefix}wheel_mass"), axle)
+    yield Feature("roll_centre_height", part.roll_centre_height, (f"{prefix}roll_centre_height",), axle)
 
 
 def _wheel(axle: str, part: Axle, load: float) -> Iterator[Feature]:
-    at = f"physics.{axle}."
-    radius, spin = f"{at}unloaded_radius", f"{at}wheel_spin_inertia"
+    prefix = f"physics.{axle}."
+    radius, spin = f"{prefix}unloaded_radius", f"{prefix}wheel_spin_inertia"
     yield Feature("wheel_radius", part.unloaded_radius, (radius,), axle)
-    yield Feature("tyre_deflection", load / part.tyre_stiffness / part.unloaded_radius, (f"{at}tyre_stiffness",), axle)
+    yield Feature(
+        "tyre_deflection", load / part.tyre_stiffness / part.unloaded_radius, (f"{prefix}tyre_stiffness",), axle
+    )
     gyration = sqrt(part.wheel_spin_inertia / part.wheel_mass) / part.unloaded_radius
-    yield Feature("wheel_gyration", gyration, (spin, f"{at}wheel_mass", radius), axle)
+    yield Feature("wheel_gyration", gyration, (spin, f"{prefix}wheel_mass", radius), axle)
     across = part.wheel_diametral_inertia / part.wheel_spin_inertia
-    yield Feature("diametral_over_spin", across, (f"{at}wheel_diametral_inertia", spin), axle)
+    yield Feature("diametral_over_spin", across, (f"{prefix}wheel_diametral_inertia", spin), axle)
 
 
 def _tyre(axle: str, part: Axle, load: float, friction: float) -> Iterator[Feature]:
-    tyre, at = f"physics.{axle}.tyre", f"physics.{axle}."
+    tyre, prefix = f"physics.{axle}.tyre", f"physics.{axle}."
     along, across = slopes(part, load)
-    yield Feature("cornering_per_load", across / load, (tyre, f"{at}cornering_scale"), axle)
-    yield Feature("slip_stiffness_per_load", along / load, (tyre, f"{at}longitudinal_scale"), axle)
+    yield Feature("cornering_per_load", across / load, (tyre, f"{prefix}cornering_scale"), axle)
+    yield Feature("slip_stiffness_per_load", along / load, (tyre, f"{prefix}longitudinal_scale"), axle)
     if part.tyre.model != "linear":
         grip = _grip(part, load) * friction
-        yield Feature("grip", grip, (tyre, f"{at}grip_scale", "physics.road.friction"), axle)
+        yield Feature("grip", grip, (tyre, f"{prefix}grip_scale", "physics.road.friction"), axle)
     if isinstance(part.tyre, TMeasy):
         yield Feature("tyre_nominal_load", load / part.tyre.nominal_load, (f"{tyre}.nominal_load",), axle)
         yield Feature("trail", part.tyre.pneumatic_trail, (f"{tyre}.pneumatic_trail",), axle)
-    yield Feature("rolling_resistance", part.rolling_resistance, (f"{at}rolling_resistance",), axle)
+    yield Feature("rolling_resistance", part.rolling_resistance, (f"{prefix}rolling_resistance",), axle)
 
 
 def _grip(part: Axle, load: float) -> float:

@@ -17,14 +17,14 @@ _NOISE = {"wheel_speeds": "wheel_noise", "gnss_position": "position_noise", "gns
 def of_sensors(car: Vehicle) -> Iterator[Feature]:
     """Where sensors are, how they lean, how late and how noisy they are."""
     for name, sensor in car.sensors.items():
-        at = f"sensors.{name}."
-        yield Feature("latency", sensor.latency, (f"{at}latency",), name)
+        prefix = f"sensors.{name}."
+        yield Feature("latency", sensor.latency, (f"{prefix}latency",), name)
         if isinstance(sensor, Imu | Antenna):
             yield from _place(car, name, sensor, sensor.position)
         if isinstance(sensor, Imu):
             yield from _inertial(name, sensor)
         if sensor.kind in _NOISE and (noise := getattr(sensor, "noise", None)) is not None:
-            yield Feature(_NOISE[sensor.kind], noise, (f"{at}noise",), name)
+            yield Feature(_NOISE[sensor.kind], noise, (f"{prefix}noise",), name)
 
 
 def _place(car: Vehicle, name: str, sensor: SensorBase, position: tuple[float, float, float]) -> Iterator[Feature]:
@@ -38,9 +38,9 @@ def _place(car: Vehicle, name: str, sensor: SensorBase, position: tuple[float, f
 
 
 def _inertial(name: str, sensor: Imu) -> Iterator[Feature]:
-    at = f"sensors.{name}."
+    prefix = f"sensors.{name}."
     for angle in sensor.attitude[:2]:
-        yield Feature("tilt", beside_quarter_turns(angle), (f"{at}attitude",), name)
+        yield Feature("tilt", beside_quarter_turns(angle), (f"{prefix}attitude",), name)
     for figure, values in (
         ("gyro_noise", sensor.rate_noise),
         ("force_noise", sensor.force_noise),
@@ -49,7 +49,7 @@ def _inertial(name: str, sensor: Imu) -> Iterator[Feature]:
     ):
         field = figure.replace("gyro", "rate")
         for value in values:
-            yield Feature(figure, value, (f"{at}{field}",), name)
+            yield Feature(figure, value, (f"{prefix}{field}",), name)
 
 
 def beside_quarter_turns(angle: float) -> float:
@@ -60,9 +60,9 @@ def beside_quarter_turns(angle: float) -> float:
 
 def of_observer(car: Vehicle) -> Iterator[Feature]:
     """Settings of the observer that are angles or shares."""
-    around, at = car.observer.surroundings, "observer.surroundings."
+    around, prefix = car.observer.surroundings, "observer.surroundings."
     for field in ("grade", "bank"):
-        yield Feature("road_slope", getattr(around, field), (f"{at}{field}",), field)
-    yield Feature("offset_of_steering", around.steering_offset, (f"{at}steering_offset",))
-    yield Feature("error_of_radius", around.radius_error, (f"{at}radius_error",))
-    yield Feature("load_share", around.load / car.physics.chassis.mass, (f"{at}load", "physics.chassis.mass"))
+        yield Feature("road_slope", getattr(around, field), (f"{prefix}{field}",), field)
+    yield Feature("offset_of_steering", around.steering_offset, (f"{prefix}steering_offset",))
+    yield Feature("error_of_radius", around.radius_error, (f"{prefix}radius_error",))
+    yield Feature("load_share", around.load / car.physics.chassis.mass, (f"{prefix}load", "physics.chassis.mass"))

@@ -133,10 +133,13 @@ def largest_errors(
     travels, angles = low + (high - low) * middles, tables.steering * (2 * middles - 1)
     errors_by_axle = {}
     for axle, position in (("front", front), ("rear", rear)):
-        at = angles if position.steered else np.zeros(1)
-        expected = position.grid(travels, np.array([steering.motion(float(a))[0] for a in at]))
+        steering_angles = angles if position.steered else np.zeros(1)
+        expected = position.grid(travels, np.array([steering.motion(float(a))[0] for a in steering_angles]))
         values = np.array(
-            [[[v[0] for v in tables.columns(axle, s, float(a)).values()] for a in at] for s in travels.tolist()]
+            [
+                [[v[0] for v in tables.columns(axle, s, float(a)).values()] for a in steering_angles]
+                for s in travels.tolist()
+            ]
         )
         errors_by_axle[axle] = dict(zip(COLUMNS, np.abs(values - expected).max(axis=(0, 1)).tolist(), strict=True))
     return errors_by_axle

@@ -72,10 +72,14 @@ def table_guide(
 def hub_from_columns(columns: Columns, place: TablePlace, side: ca.SX, design: ca.SX, travel: ca.SX) -> HubMotion:
     """The motion of a hub as `table_guide` gives it, from the columns that `columns_within` gives at a place of the
     tables."""
-    at = columns_beyond(columns, place)
-    x, y = at["x"], [side * v for v in at["y"]]
+    extended = columns_beyond(columns, place)
+    x, y = extended["x"], [side * v for v in extended["y"]]
     # The hub is turned by toe about z, lean about the horizontal line forwards, and pitch about the axle.
-    toe, lean, pitch = ([side * v for v in at["toe"]], [-side * v for v in at["camber"]], [-v for v in at["caster"]])
+    toe, lean, pitch = (
+        [side * v for v in extended["toe"]],
+        [-side * v for v in extended["camber"]],
+        [-v for v in extended["caster"]],
+    )
     vertical = ca.SX([0, 0, 1])
     ahead = ca.vertcat(ca.cos(toe[0]), ca.sin(toe[0]), 0)
     left = ca.vertcat(-ca.sin(toe[0]), ca.cos(toe[0]), 0)
@@ -94,6 +98,6 @@ def hub_from_columns(columns: Columns, place: TablePlace, side: ca.SX, design: c
         axle=direction,
         subspace=ca.vertcat(turn, move),
         bend=ca.vertcat(change, ca.vertcat(x[2], y[2], 0) - ca.cross(turn, move)),
-        spring=at["spring"][0],
-        spring_ratio=at["spring"][1],
+        spring=extended["spring"][0],
+        spring_ratio=extended["spring"][1],
     )

@@ -70,7 +70,9 @@ class Response:
         rates, outputs = (ca.vertcat(*expressions) for expressions in (model.rates(*named), model.measured(*named)))
         self.rates = ca.Function("rates", [x, u, p], [rates])
         self.outputs = ca.Function("outputs", [x, u, p], [outputs])
-        by_state, by_input = ([ca.jacobian(function, at) for function in (rates, outputs)] for at in (x, u))
+        by_state, by_input = (
+            [ca.jacobian(function, variables) for function in (rates, outputs)] for variables in (x, u)
+        )
         h = ca.SX.sym("h")
         after = rosenbrock_step(self.rates, by_state[0], x, u, p, h)
         self._step = ca.Function("step", [x, u, p, h], [after])

@@ -256,16 +256,16 @@ class SensorBase(Part):
     def noise_in_words(self, deviations: Vector) -> str:
         """Standard deviations (m,) with their units: one number for those that are equal. Empty for a sensor without
         noise."""
-        parts, at = [], 0
+        parts, first = [], 0
         for field in self.noise_fields:
             extra = type(self).model_fields[field].json_schema_extra if field in type(self).model_fields else None
             if not isinstance(extra, dict):
                 continue
             value = getattr(self, field)
-            count = len(value) if isinstance(value, tuple) else len(deviations) - at
-            numbers = [f"{number:.3g}" for number in deviations[at : at + count]]
+            count = len(value) if isinstance(value, tuple) else len(deviations) - first
+            numbers = [f"{number:.3g}" for number in deviations[first : first + count]]
             parts.append(f"{' '.join(numbers if len(set(numbers)) > 1 else numbers[:1])} {extra['unit']}")
-            at += count
+            first += count
         return ", ".join(parts)
 
     def noisier_in_words(self, noisier: Mapping[int, tuple[float, float]]) -> list[str]:
