@@ -11,6 +11,7 @@ from click.testing import CliRunner
 from hypothesis import assume, given
 from hypothesis import strategies as st
 
+import vsense_ros as vs
 from vsense_ros.cli import main
 from vsense_ros.errors import InputError
 from vsense_ros.files.vehicle import load_vehicle, save_vehicle
@@ -165,6 +166,21 @@ def test_a_file_that_exists_is_only_replaced_by_force(tmp_path):
     assert path.read_text(encoding="utf-8") == "mine"
     assert command(path, *arguments, "--force").exit_code == 0
     assert load_vehicle(path).name == "car"
+
+
+def test_a_car_whose_recording_has_a_velocity_in_its_axes_has_the_sensor_for_it(tmp_path):
+    drive = tmp_path / "drive.csv"
+    drive.write_text("t,v,w\n0.0,20.0,0.1\n0.1,20.0,0.2\n0.2,20.1,0.2\n", encoding="utf-8")
+    columns = "[{column: v, unit: m/s}, {column: w, unit: m/s}, null]"
+    (tmp_path / "mapping.yaml").write_text(
+        f"time: {{column: t, unit: s}}\ntopics:\n  vehicle/velocity:\n    linear: {columns}\n", encoding="utf-8"
+    )
+    recording = vs.read(drive, mapping=tmp_path / "mapping.yaml")
+    with_it, without = (
+        vs.new_vehicle(1395, 2.63, 1.54, "205/55R16", recordings=recordings).vehicle for recordings in ([recording], ())
+    )
+    assert set(with_it.sensors) - set(without.sensors) == {"body_velocity"}
+    assert with_it.sensors["body_velocity"].kind == "body_velocity"
 
 
 def test_the_search_for_missing_physics_begins_with_the_deviations_of_the_file():

@@ -32,6 +32,7 @@ def new_vehicle(
     steering_ratio: float | None = None,
     height: float | None = None,
     like: CarKind | None = None,
+    recordings: Sources = (),
 ) -> NewVehicle:
     """Make a vehicle from values of a catalogue; rules with a source fill the rest, each with its uncertainty.
 
@@ -52,6 +53,7 @@ def new_vehicle(
         steering_ratio: angle of the steering wheel over that of the road wheels [-].
         height: of the car [m].
         like: `compact`, `saloon`, `suv`, `van` or `formula-student`; by default what the size makes likely.
+        recordings: of the car; one with a velocity in the axes of the car adds the sensor for it.
 
     Raises `InputError` for values that are missing (None) or that no car has.
     """
@@ -59,7 +61,8 @@ def new_vehicle(
         name=name, mass=mass, wheelbase=wheelbase, track=track, tyre=tyre, track_rear=track_rear, tyre_rear=tyre_rear,
         axle_load_front=axle_load_front, driven=driven, steering_ratio=steering_ratio, height=height, like=like,
     )  # fmt: skip
-    return catalogue_car.new_vehicle(values)
+    (of_car,) = read_all(recordings)
+    return catalogue_car.new_vehicle(values, {topic for one in of_car for topic in one.channels})
 
 
 def check(vehicle: str | Path | Vehicle, recordings: Sources = ()) -> VehicleCheck:

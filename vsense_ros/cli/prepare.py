@@ -46,8 +46,12 @@ _WELCOME = {
     "--like", type=click.Choice(["compact", "saloon", "suv", "van", "formula-student"]),
     help="Kind of car; default: what mass, wheelbase and height make likely.",
 )  # fmt: skip
+@click.option(
+    "--for", "recordings", type=EXISTING, multiple=True, metavar="RECORDING",
+    help="Recording of the car: one with a velocity in the axes of the car adds the sensor for it; may be repeated.",
+)  # fmt: skip
 @click.option("--force", is_flag=True, help="Replace an existing FILE.")
-def new_vehicle(output: Path, force: bool, **values: Any) -> None:
+def new_vehicle(output: Path, force: bool, recordings: tuple[Path, ...], **values: Any) -> None:
     """Write the vehicle file of a car from catalogue values.
 
     \b
@@ -68,7 +72,7 @@ def new_vehicle(output: Path, force: bool, **values: Any) -> None:
     values["name"] = values["name"] or output.stem.replace("_", " ")
     if sys.stdin.isatty():
         _ask(values)
-    new = make(**values)
+    new = make(**values, recordings=recordings)
     new.write(output)
     say(
         f"Written to {output}: {len(new.from_catalogue)} numbers from the catalogue, "

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -41,8 +41,9 @@ class NewVehicle:
         write_new_vehicle(path, self)
 
 
-def new_vehicle(car: CatalogueValues) -> NewVehicle:
-    """The vehicle with what the catalogue says, and the most likely value of everything else.
+def new_vehicle(car: CatalogueValues, topics: Collection[str] = ()) -> NewVehicle:
+    """The vehicle with what the catalogue says, and the most likely value of everything else; the `topics` of its
+    recordings say which sensors it has beyond the usual ones.
 
     Raises `InputError` where no car can have such values.
     """
@@ -51,7 +52,7 @@ def new_vehicle(car: CatalogueValues) -> NewVehicle:
     numbers |= axles(car, rules, numbers)
     models, scales = tyres(car, rules, numbers)
     numbers |= scales
-    sensing, places = sensors(car, rules)
+    sensing, places = sensors(car, rules, topics)
     document: dict[str, Any] = {
         "name": car.name,
         "source": f"Catalogue values; all else by the rules for {car.kind} cars of `vsense new-vehicle`.",

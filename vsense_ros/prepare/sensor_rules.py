@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+from collections.abc import Collection
 from math import hypot, radians
 from typing import Any
 
+from vsense_ros.model.sensors import KINDS
 from vsense_ros.prepare.axle_rules import AXLES
 from vsense_ros.prepare.body_rules import cog_height
 from vsense_ros.prepare.catalogue import CatalogueValues
@@ -12,13 +14,16 @@ from vsense_ros.prepare.estimated import Estimated
 from vsense_ros.prepare.rules import Rules
 
 
-def sensors(car: CatalogueValues, rules: Rules) -> tuple[dict[str, Any], dict[str, Estimated]]:
-    """The section `sensors` of a vehicle file: inertial sensor, wheel speeds, steering wheel, GNSS; and how far the
-    places may be off, by dotted path."""
+def sensors(
+    car: CatalogueValues, rules: Rules, topics: Collection[str] = ()
+) -> tuple[dict[str, Any], dict[str, Estimated]]:
+    """The section `sensors` of a vehicle file: inertial sensor, wheel speeds, steering wheel, GNSS, and a velocity in
+    the axes of the car if its topic is among the `topics` of recordings; and how far the places may be off, by dotted
+    path."""
     roof = rules["roof_height"] if car.height is None else Estimated(car.height, 0.02)
     above = round(roof.value - cog_height(car, rules).value, 2)
     antenna = [rules["antenna_place"].value, 0.0, above]
-    sensor_settings = {
+    sensor_settings: dict[str, Any] = {
         "imu": {"kind": "imu", "position": [rules["mounting_place"].value, 0.0, 0.0]},
         "wheel_speeds": {"kind": "wheel_speeds"},
         "steering": {"kind": "steering"},
@@ -30,6 +35,10 @@ def sensors(car: CatalogueValues, rules: Rules) -> tuple[dict[str, Any], dict[st
         "sensors.position.position": rules["antenna_place"],
         "sensors.velocity.position": rules["antenna_place"],
     }
+    if KINDS["body_velocity"].model_fields["topic"].default in topics:
+        place = [rules["mounting_place"].value, 0.0, 0.0]
+        sensor_settings["body_velocity"] = {"kind": "body_velocity", "position": place}
+        places["sensors.body_velocity.position"] = rules["mounting_place"]
     return sensor_settings, places
 
 
