@@ -129,3 +129,12 @@ def read_can_log_or_none(path: Path) -> CanLog | None:
     except InputError:
         return None
     return log if log.format == path.suffix[1:] else None
+
+
+def test_lines_of_another_format_in_an_asc_file_are_told(tmp_path: Path) -> None:
+    path = written(tmp_path / "drive.asc", messages(60))
+    assert read_frames(path).losses == ()
+    path.write_text(path.read_text() + 'Time,Speed\n"0.010","72.0"\n')
+    found = read_frames(path)
+    assert len(found) == 60
+    assert [loss.partition(": ")[2] for loss in found.losses] == ["'Time,Speed'", '\'"0.010","72.0"\'']

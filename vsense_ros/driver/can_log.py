@@ -48,6 +48,7 @@ _CANDUMP = re.compile(
 )
 _VIEW_WITHOUT_TIME = re.compile(r"\s*\S{1,16}\s+[0-9A-Fa-f]{3,8}\s+\[\d{1,2}\]\s+([0-9A-Fa-f]{2}\s*)*\s*")
 _NO_TRC = re.compile(r"(?!\s*(?:\d+\)?\s|;|$))")
+_NO_ASC = re.compile(r"(?i)(?!\s*(?:-?\d+(?:\.\d+)?\s|//|(?:date|base|begin|end|previous|no|internal)\b|\$|$))")
 _GVRET = ("time stamp", "id", "extended")
 
 
@@ -414,6 +415,7 @@ class _Asc(ASCReader):
 
 
 def _asc(log: CanLog) -> Iterator[can.Message]:
+    """Vector ASC; python-can passes over lines that are none of its events without a word."""
     with _Asc(log) as reader:
         total = 0.0
         for message in reader:
@@ -421,14 +423,20 @@ def _asc(log: CanLog) -> Iterator[can.Message]:
                 total += message.timestamp - reader.start_time
                 message.timestamp = reader.start_time + total
             yield message
+    _say_lines(log, _NO_ASC, "event of ASC")
 
 
 def _trc(log: CanLog) -> Iterator[can.Message]:
     """PEAK TRC; python-can passes over lines that do not begin with the number of a message without a word."""
     yield from _python_can(log, can.TRCReader(log.path))
+    _say_lines(log, _NO_TRC, "message of TRC")
+
+
+def _say_lines(log: CanLog, strange: re.Pattern[str], expected: str) -> None:
+    """Note the lines that match a pattern, which are not what is expected."""
     for number, line in numbered_lines(log.path):
-        if _NO_TRC.match(line):
-            log.lost(f"line {number} is no message of TRC: {shown(line)}")
+        if strange.match(line):
+            log.lost(f"line {number} is no {expected}: {shown(line)}")
 
 
 def _of_text(text_log: TextLog) -> Callable[[CanLog], Iterator[can.Message]]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 from collections.abc import Iterable, Sequence
 from contextlib import suppress
 from typing import Any
@@ -10,7 +11,7 @@ from typing import Any
 def make_asammdf_careful() -> None:
     """Objects of asammdf whose file could not be read fall over when they are dropped: in their destructor, printing a
     traceback, or by looking for an attribute without end. What it has in C reads where a file says, also beyond the
-    end of a record, and ends the process there."""
+    end of a record, and ends the process there. What it logs of damage beside raising it is for its own users."""
     from asammdf import MDF
     from asammdf.blocks import mdf_v3, mdf_v4
 
@@ -18,6 +19,7 @@ def make_asammdf_careful() -> None:
         with suppress(Exception):
             self.close()
 
+    logging.getLogger("asammdf").setLevel(logging.CRITICAL)
     for kind in (mdf_v3.MDF3, mdf_v4.MDF4):
         kind.__del__ = drop
     if "_mdf" not in vars(MDF):
