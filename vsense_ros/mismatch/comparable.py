@@ -42,15 +42,20 @@ class Comparable:
 
 def comparable(recordings: Sequence[Recording], held_out: Sequence[Recording], vehicle: Vehicle) -> Comparable:
     """What can be compared of `recordings` and of those that are `held_out`."""
-    fitted = without_spoilt(recordings, vehicle)
-    known = beforehand(fitted, without_spoilt(held_out, vehicle, fitted), vehicle)
-    result = _compared(recordings, held_out, vehicle, known)
+    result = _compared(recordings, held_out, vehicle, _known(recordings, held_out, vehicle))
     while wrong := hindrance([*result.recordings, *result.held_out], result.fitted, result.unseen, result.vehicle):
         rest = _without(result, wrong, vehicle) if len(result.left_out) < MOST_LEFT_OUT else None
         if rest is None:
             return replace(result, refused="; ".join((*result.left_out, wrong.reason)))
         result = rest
     return result
+
+
+def _known(recordings: Sequence[Recording], held_out: Sequence[Recording], vehicle: Vehicle) -> tuple[Beforehand, ...]:
+    """Defects of sensors that show before any fit; the windows that show them are hundreds of megabytes after hours of
+    driving, and are not kept."""
+    fitted = without_spoilt(recordings, vehicle)
+    return beforehand(fitted, without_spoilt(held_out, vehicle, fitted), vehicle)
 
 
 def _compared(

@@ -232,13 +232,14 @@ def _read(recording: Recording, sensor: SensorBase, on_map: Map) -> Readings | s
     if sensor.topic not in recording or len(recording[sensor.topic]) < 2:
         return None
     channel = recording[sensor.topic]
-    read = Reader(0, sensor, on_map).measurements(channel)
-    if len(read.stamp) < 2:
-        return read.why
-    order = np.argsort(read.stamp, kind="stable")
-    order = order[np.concatenate([[True], np.diff(read.stamp[order]) > 0])]
-    value = read.value[order]
-    t = (read.stamp[order] - recording.first_stamp) * 1e-9
+    stamp, value, _, why = Reader(0, sensor, on_map).measurements(channel)
+    if len(stamp) < 2:
+        return why
+    if not (np.diff(stamp) > 0).all():
+        order = np.argsort(stamp, kind="stable")
+        order = order[np.concatenate([[True], np.diff(stamp[order]) > 0])]
+        stamp, value = stamp[order], value[order]
+    t = np.asarray((stamp - recording.first_stamp) * 1e-9, dtype=np.float64)
     value = _at_one_time(t, value, sensor.ages() - sensor.latency)
     of_car = sensor.in_axes_of_car(value)
     return Readings(t, of_car, None if of_car is value else value)
