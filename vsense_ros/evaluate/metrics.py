@@ -1,7 +1,7 @@
 """Scores of the estimates of a drive against its reference.
 
 All scores are taken at the stamps of the reference: the estimate is interpolated linearly between its own stamps,
-never extrapolated, and never across a gap of more than `LONGEST_GAP`.
+never extrapolated, and never across a gap of more than `METRICS.longest_gap`.
 """
 
 from __future__ import annotations
@@ -16,12 +16,20 @@ from vsense_ros.checks.lags import lag_curve, refined
 from vsense_ros.evaluate.signals import Array, Series, longest_period, read_signals, wrap
 from vsense_ros.messages.recording import Recording
 
-LONGEST_GAP = 0.5  # between two estimates, to interpolate between them [s]; of frequent ones ten periods
-SPARSEST = 100.0  # steps of the grid for each value, beyond which two series are gaps rather than a common time
-LONGEST_LAG = 1.0  # that is searched for [s]
-NO_DIFFERENCE = 1e-6  # of both variances, which the lag has to make to be known
-_BOUNDLESS = 1e12  # standard deviation in any unit that stands for an infinite one
-WEAKEST_CORRELATION = 0.5  # of estimate and truth, for a lag to mean something
+
+@dataclass(frozen=True)
+class MetricSettings:
+    """Settings of comparisons with a reference: decisions of this project."""
+
+    longest_gap: float = 0.5  # [s] between two estimates, to interpolate between them; of frequent ones ten periods
+    sparsest: float = 100.0  # steps of the grid for each value, beyond which two series are gaps, not a common time
+    longest_lag: float = 1.0  # [s] that is searched for
+    least_difference: float = 1e-6  # [-] of both variances, which the lag has to make to be known
+    boundless: float = 1e12  # standard deviation in any unit that stands for an infinite one
+    weakest_correlation: float = 0.5  # [-] of estimate and truth, for a lag to mean something
+
+
+METRICS = MetricSettings()
 
 
 @dataclass(frozen=True, slots=True)
@@ -127,7 +135,7 @@ def align(estimate: Series, truth: Series) -> Aligned:
     """Bring an estimate to the stamps of the truth, leaving out what it does not cover."""
     angle = truth.signal.angle
     times = (truth.stamp - truth.stamp[0]) * 1e-9 if len(truth) else np.zeros(0)
-    longest_gap = min(longest_period(estimate.stamp), LONGEST_GAP)
+    longest_gap = min(longest_period(estimate.stamp), METRICS.longest_gap)
     value, covered = _resample(estimate, truth.stamp[0] if len(truth) else 0, times, longest_gap)
     value, stamp, reference = value[covered], truth.stamp[covered], truth.value[covered]
     if angle and len(reference):
@@ -137,15 +145,15 @@ def align(estimate: Series, truth: Series) -> Aligned:
     if estimate.deviation is not None and len(stamp):
         # Interpolated between finite ones: beside an infinite one nothing is known.
         deviation = np.interp(stamp, estimate.stamp, np.minimum(estimate.deviation, np.finfo(float).max))
-    return Aligned(stamp, value, reference, np.where(deviation > _BOUNDLESS, np.inf, deviation))
+    return Aligned(stamp, value, reference, np.where(deviation > METRICS.boundless, np.inf, deviation))
 
 
 def lag(estimate: Series, truth: Series) -> float | None:
     """Delay τ of the estimate behind the truth [s], by least squares.
 
     τ minimises the variance of estimate(t) - truth(t - τ) over the times at which both are known, for |τ| up to
-    `LONGEST_LAG` and a quarter of the common time. The variance rather than the mean square, so that a bias does
-    not pass for a delay. It is evaluated at all whole steps of a common grid and refined below the step by the
+    `METRICS.longest_lag` and a quarter of the common time. The variance rather than the mean square, so that a bias
+    does not pass for a delay. It is evaluated at all whole steps of a common grid and refined below the step by the
     parabola through its minimum.
     """
     if len(estimate) < 4 or len(truth) < 4:
@@ -154,12 +162,12 @@ def lag(estimate: Series, truth: Series) -> float | None:
     duration = float(min(estimate.stamp[-1], truth.stamp[-1]) - origin) * 1e-9
     periods = [float(np.median(np.diff(series.stamp))) * 1e-9 for series in (estimate, truth)]
     step = float(np.clip(min(periods), 0.005, 0.05))
-    reach = int(min(LONGEST_LAG, duration / 4.0) / step)
-    if reach < 2 or duration > SPARSEST * step * (len(estimate) + len(truth)):
+    reach = int(min(METRICS.longest_lag, duration / 4.0) / step)
+    if reach < 2 or duration > METRICS.sparsest * step * (len(estimate) + len(truth)):
         return None
     times = np.arange(0.0, duration, step)
-    y, y_known = _resample(estimate, origin, times, max(LONGEST_GAP, 2.0 * periods[0]))
-    x, x_known = _resample(truth, origin, times, max(LONGEST_GAP, 2.0 * periods[1]))
+    y, y_known = _resample(estimate, origin, times, max(METRICS.longest_gap, 2.0 * periods[0]))
+    x, x_known = _resample(truth, origin, times, max(METRICS.longest_gap, 2.0 * periods[1]))
     both_known = x_known & y_known
     if both_known.sum() < 4:
         return None
@@ -171,10 +179,10 @@ def lag(estimate: Series, truth: Series) -> float | None:
     )
     best = int(np.argmin(variance))
     in_all = variance[np.isfinite(variance)]
-    if best in (0, 2 * reach) or in_all.max() - variance[best] <= NO_DIFFERENCE * (power_y + power_x)[reach]:
+    if best in (0, 2 * reach) or in_all.max() - variance[best] <= METRICS.least_difference * (power_y + power_x)[reach]:
         return None
     covariance = float(np.sum([curve.covariance[best] for curve in curves]))
-    if not covariance >= WEAKEST_CORRELATION * float(np.sqrt(power_y[best] * power_x[best])):
+    if not covariance >= METRICS.weakest_correlation * float(np.sqrt(power_y[best] * power_x[best])):
         return None
     return float((refined(variance, best) - reach) * step)
 
