@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import Protocol
 
 from vsense_ros.estimation.intake import Intake
@@ -50,7 +51,9 @@ def lines(runner: Diagnosed, now: int) -> list[Diagnostic]:
     """One line for the observer and one for each sensor; `now` [ns] on the clock of arrivals."""
     found = [_own_line(runner), *runner.adapter.diagnostics()]
     for i, ((name, sensor), health) in enumerate(zip(runner.sensors.items(), runner.intake.health, strict=True)):
-        found.append(_sensor_line(runner, i, health.diagnostic(name, sensor, now)))
+        line = health.diagnostic(name, sensor, now)
+        figures = {what: value for judge in runner.judges for what, value in judge.figures(i).items()}
+        found.append(_sensor_line(runner, i, replace(line, values={**line.values, **figures})))
     return found
 
 

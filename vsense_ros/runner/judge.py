@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from vsense_ros.estimation.timeline import Event, Timeline
 from vsense_ros.messages.diagnostic import Level
 from vsense_ros.model.sensors import SensorBase, place_of
-from vsense_ros.runner.adapter import Apart, Widening
+from vsense_ros.runner.adapter import Apart, Move, Widening
 
 Array = NDArray[np.float64]
 
@@ -68,6 +68,10 @@ class Judge(ABC):
     def doubt(self, index: int) -> str:
         """What is doubtful about a sensor that is in use, in words; empty for nothing."""
         return ""
+
+    def figures(self, index: int) -> dict[str, str]:
+        """What the judge knows of a sensor in numbers, for its line of diagnostics."""
+        return {}
 
     @abstractmethod
     def forget(self, stamp: int) -> None:
@@ -188,3 +192,8 @@ def into_axes_of_car(sensors: Sequence[SensorBase], place: int) -> Callable[[Arr
 def widening_event(channel: int, stamp: int, widening: Widening) -> Event:
     """The event on a channel by hand that widens an element of the state at a time [ns]."""
     return Event(channel, stamp, np.array(widening), np.zeros(len(widening)), counted=True)
+
+
+def moving_event(channel: int, stamp: int, move: Move) -> Event:
+    """The event on a channel by hand that moves an element of the state at a time [ns]."""
+    return Event(channel, stamp, np.array(move), np.zeros(len(move)), counted=True)

@@ -32,7 +32,8 @@ from vsense_ros.runner.direction_judge import DirectionJudge
 from vsense_ros.runner.fit_judge import FitJudge
 from vsense_ros.runner.force_judge import ForceJudge
 from vsense_ros.runner.guard import Guard
-from vsense_ros.runner.judge import Judges
+from vsense_ros.runner.judge import Judges, moving_event
+from vsense_ros.runner.latency_judge import LatencyJudge
 from vsense_ros.runner.outage_judge import OutageJudge
 from vsense_ros.runner.placement import Placement
 from vsense_ros.runner.receiver_judge import ReceiverJudge
@@ -81,7 +82,9 @@ class Runner:
         channels = adapter.channels()
         self.vote = Vote(adapter, channels, others_there=self._others_there, by_hand=self._move, report=self._complain)
         direction = DirectionJudge(adapter, lambda stamp, sentence: self.resets.report(stamp, sentence))
+        self.latency = LatencyJudge(adapter, self.vote, len(channels))
         judges = (
+            self.latency,
             FitJudge(adapter, self._all_believed, len(channels)),
             ForceJudge(adapter, lambda: any(self.vote.out)),
             ReceiverJudge(adapter),
@@ -161,6 +164,7 @@ class Runner:
             self._look_for_frozen(index)
             return
         event = self.adapter.timed(event)
+        self.latency.hear_first(event)
         if self.started:
             self._use(event, stamp)
             return
@@ -253,8 +257,7 @@ class Runner:
 
     def _shift(self, move: Move) -> None:
         """Move an element of the state now, and whenever this instant happens again."""
-        event = Event(len(self.names), self.stamp, np.array(move), np.zeros(3), counted=True)
-        self._timeline.add(event)
+        self._timeline.add(moving_event(len(self.names), self.stamp, move))
 
     # Start and stop
 

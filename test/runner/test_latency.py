@@ -1,0 +1,112 @@
+"""Sensors whose stamps are late by a known time: found by their readings alone, said, and used at their time."""
+
+from __future__ import annotations
+
+from functools import cache
+
+import numpy as np
+import pytest
+
+from drives import messages
+from vsense_ros.estimation.timeline import Event
+from vsense_ros.evaluate.faults import IMU, Fault, stamped
+from vsense_ros.files.installed import vehicle_path
+from vsense_ros.files.vehicle import load_vehicle
+from vsense_ros.messages.recording import Recording
+from vsense_ros.model.handling.base import car_numbers
+from vsense_ros.model.vehicle import Vehicle
+from vsense_ros.runner import Runner
+from vsense_ros.runner.latency import Latencies
+
+SECOND = 1_000_000_000
+SPEED = 15.0  # [m/s]
+SEED = 5
+
+
+@cache
+def car() -> Vehicle:
+    return load_vehicle(vehicle_path("prototype_model"))
+
+
+def turning(times: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Yaw rate [rad/s] and heading [rad] of a drive on a winding road."""
+    waves = ((0.12, 0.23, 0.0), (0.06, 0.71, 1.0), (0.03, 1.9, 2.0))  # amplitude, angular frequency, phase
+    rate = sum(a * np.sin(w * times + p) for a, w, p in waves)
+    heading = sum(-a / w * np.cos(w * times + p) for a, w, p in waves)
+    return np.asarray(rate), np.asarray(heading)
+
+
+def driven(late: dict[str, float], seconds: float = 30.0) -> Latencies:
+    """What is found on that road, without side slip, where some sensors are late [s]: gyro and wheels at 100 Hz, the
+    course of an antenna above the rear axle at 10 Hz, all with noise."""
+    vehicle = car()
+    sensors = vehicle.sensing()
+    antenna = sensors["velocity"].model_copy(update={"position": (-car_numbers(vehicle)["to_rear"], 0.0, 1.0)})
+    sensors = {**sensors, "velocity": antenna}
+    latencies, numbers, names = Latencies(vehicle, sensors), car_numbers(vehicle), list(sensors)
+    slip = (
+        numbers["mass"] * numbers["to_front"] / (numbers["to_front"] + numbers["to_rear"]) / numbers["rear_stiffness"]
+    )
+    rng = np.random.default_rng(SEED)
+    for k in range(round(100 * seconds)):
+        stamp = 100 * SECOND + k * SECOND // 100
+
+        def made(name: str, k: int = k) -> float:
+            return k / 100 - late.get(name, 0.0)  # when the reading was made that has this stamp
+
+        rate, _ = turning(np.array(made("imu")))
+        imu = [0.0, 0.0, rate, 0.0, SPEED * rate, 9.8] + 0.01 * rng.standard_normal(6)
+        rate, _ = turning(np.array(made("wheel_speeds")))
+        outward = numbers["rear_half_track"] * rate
+        wheels = (SPEED + np.array([-outward, outward, -outward, outward])) / numbers["rear_radius"]
+        readings = [("imu", imu), ("wheel_speeds", wheels + 0.02 * rng.standard_normal(4))]
+        if k % 10 == 0:
+            rate, heading = turning(np.array(made("velocity")))
+            course = heading - slip * SPEED * rate  # the rear axle slips outwards
+            velocity = SPEED * np.array([np.cos(course), np.sin(course)])
+            readings.append(("velocity", velocity + 0.03 * rng.standard_normal(2)))
+        for name, value in readings:
+            latencies.hear(Event(names.index(name), stamp, value, np.ones(len(value))))
+        latencies.look(stamp)
+    return latencies
+
+
+@pytest.mark.parametrize(
+    "late", [{}, {"imu": 0.35}, {"imu": 1.0}, {"velocity": 0.5}, {"wheel_speeds": 0.2}, {"imu": -0.4}]
+)
+def test_the_sensor_that_is_late_is_found_with_its_lag(late: dict[str, float]) -> None:
+    latencies, names = driven(late), list(car().sensing())
+    assert {names[i] for i in latencies.late} == set(late)
+    for i, found in latencies.found.items():
+        true = late.get(names[i], 0.0)
+        assert abs(found.seconds - true) < min(0.03, 3 * found.deviation)
+
+
+def test_a_car_that_goes_straight_shows_no_lag() -> None:
+    latencies = Latencies(car(), car().sensing())
+    rng, names = np.random.default_rng(SEED), list(car().sensing())
+    for k in range(2000):
+        value = np.array([0.0, 0.0, 0.0, 0.0, 0.0, 9.8]) + 0.01 * rng.standard_normal(6)
+        latencies.hear(Event(names.index("imu"), k * SECOND // 100, value, np.ones(6)))
+        latencies.hear(Event(names.index("wheel_speeds"), k * SECOND // 100, np.full(4, 50.0), np.ones(4)))
+        latencies.look(k * SECOND // 100)
+    assert not latencies.found
+
+
+def test_an_inertial_sensor_that_is_late_is_said_and_used_at_its_time(lane_change: Recording, vehicle: Vehicle) -> None:
+    late = 0.3
+    recording = Fault("late", (IMU,), stamped(late), 0.0).of(lane_change)
+    runner = Runner(vehicle, recording.map_origin)
+    errors = []
+    truth = lane_change["reference/odometry"]
+    for sample in messages(recording):
+        runner.add(sample)
+        if runner.started and runner.stamp > lane_change.start + 11 * SECOND:
+            lateral = runner.estimate()[0].values["linear"][1]
+            errors.append(lateral - np.interp(runner.stamp, truth.stamp, truth.columns["linear"][:, 1]))
+    line = next(line for line in runner.diagnostics() if line.name == "observer")
+    assert "imu is" in line.message
+    assert "ms late" in line.message
+    found = runner.latency.latencies.late[runner.names.index("imu")]
+    assert found.seconds == pytest.approx(late, abs=3 * found.deviation)
+    assert np.abs(errors).max() < 0.3
