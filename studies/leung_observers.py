@@ -1,7 +1,8 @@
 """The multibody observers in the study of Leung's filters: errorEKF and SPI on the same drives, with the same sensors.
 
-They know the car as the filters of the table do: from its vehicle file, and that the road is level. Of the inertial
-sensor they get what the filters get, yaw rate and the two specific forces along the road.
+They know the car as the filters of the table do: from its vehicle file, that its wheels are alike, that a differential
+drives the rear ones (table A.1), and that the road is level. Of the inertial sensor they get what the filters get, yaw
+rate and the two specific forces along the road.
 """
 
 from __future__ import annotations
@@ -58,7 +59,7 @@ def car_of_study(plant: str, errors: Errors, observer: str) -> Vehicle:
             rate_noise=(gyro.noise,) * 3, force_noise=(force.noise,) * 3, rate_bias=max(abs(gyro.bias), 1e-4),
             force_bias=max(abs(force.bias), 1e-3), rate_bias_drift=1e-6, force_bias_drift=1e-6,
         ),
-        "wheels": WheelSpeeds(noise=errors.spin),
+        "wheels": WheelSpeeds(noise=errors.spin, radius_error=0.0, radius_error_drift=0.0),
         "steering": Steering(),
         "velocity": GnssVelocity(noise=errors.fix, timeout=3 * errors.fix_period),
     }  # fmt: skip
@@ -77,7 +78,9 @@ def car_of_study(plant: str, errors: Errors, observer: str) -> Vehicle:
     if observer in TYRES:
         known_within = EstimatedParameter(deviation=TYRES[observer])
         settings["parameters"] = {f"{axle}.cornering_scale": known_within for axle in ("front", "rear")}
-    return car.model_copy(update={"sensors": sensors, "observer": known.model_copy(update=settings)})
+    driven = car.drivetrain.model_copy(update={"driven": "rear"})
+    observer_settings = known.model_copy(update=settings)
+    return car.model_copy(update={"sensors": sensors, "drivetrain": driven, "observer": observer_settings})
 
 
 # For a model without errors: no sensor measures the torques that drive the wheels.
@@ -142,8 +145,8 @@ def estimate(name: str, truth: Truth, case: Case, read: Readings) -> dict[str, A
 
     Of `BOUND` the stated deviation counts, not the error: the covariance of a filter of the plant's own equations,
     along the true drive, is the Cramér-Rao bound of any filter without a bias (Tichavský, Muravchik & Nehorai 1998, eq.
-    21). The noise of the steering angle, an input, is left out: the true bound is somewhat larger. At the limit (DO55)
-    its estimate leaves the true drive, so that the bound there is only about right.
+    21). The noise of the steering angle, an input, and the bus are left out: the true bound is somewhat larger. At the
+    limit (DO55) its estimate leaves the true drive, so that the bound there is only about right.
     """
     observer = Runner(car_of_study(case.plant, case.errors, name), make=OBSERVERS[name])
     if name == BOUND:  # of all that is measured, by sensors that are right
