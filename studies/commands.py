@@ -78,17 +78,23 @@ def genesis(out: Path, vehicle: str, identify: Path | None, start: str, referenc
 
 @main.command()
 @click.option("--out", type=NEW_FILE, default=Path("out/thesis.json"), show_default=True, help="File.")
-def thesis(out: Path) -> None:
+@click.option("--causes", is_flag=True, help="Instead, why the errorEKF leaves its place.")
+def thesis(out: Path, causes: bool) -> None:
     """Repeat the tables of Rodríguez 2020: a full car of 600 kg, observers that believe in 700 kg and more grip.
 
     \b
     Examples:
       python -m studies thesis
+      python -m studies thesis --causes
     """
     from studies import thesis as job
+    from studies import thesis_causes
     from vsense_ros.evaluate.terminal import console, progress
 
     plant, model = (load_car(name) for name in ("prototype_real", "prototype_model"))
+    if causes:
+        thesis_causes.show(thesis_causes.causes(plant, model), console())
+        return
     with progress("driving and estimating") as done:
         results = job.repeat(plant, model, progress=done)
     job.write(results, out)
