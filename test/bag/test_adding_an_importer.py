@@ -71,3 +71,14 @@ def test_it_is_listed_where_a_format_is_unknown(log: Path) -> None:
     other.touch()
     with pytest.raises(InputError, match=r"spinning: wheel speeds of the Spinning logger"):
         importers.find_importer(other)
+
+
+@pytest.mark.parametrize(
+    ("name", "tool"),
+    [("lap.ld", "i2 exports"), ("rlog.zst", "LogReader"), ("qlog", "LogReader"), ("a.ncom", "NAVsolve")],
+)
+def test_a_format_that_is_not_read_is_named_with_what_converts_it(name: str, tool: str, tmp_path: Path) -> None:
+    path = tmp_path / name
+    path.write_bytes(bytes(range(256)) * 40)
+    with pytest.raises(InputError, match=tool):
+        importers.find_importer(path)

@@ -16,6 +16,7 @@ from typing import Any
 
 from vsense_ros.bag.clocks import with_steady_clocks
 from vsense_ros.bag.held import without_repeats
+from vsense_ros.bag.importers.elsewhere import converter_of
 from vsense_ros.errors import InputError
 from vsense_ros.extras import MissingExtra, explained
 from vsense_ros.messages.recording import Recording
@@ -103,6 +104,8 @@ def find_importer(path: str | Path, options: Collection[str] = ()) -> Importer:
         return matching[0]
     if path.is_dir() and not any(path.iterdir()):
         raise InputError(f"{path}: the folder is empty; expected a recording")
+    if converter := converter_of(path):
+        raise InputError(f"{path}: {converter}")
     names = "; ".join(f"{importer.name}: {importer.description}" for importer in known)
     lacking = "".join(f"; {sentence}" for sentence in sorted(_modules()[1]))
     raise InputError(f"{path}: no importer knows this. Known: {names}{lacking}")
