@@ -9,6 +9,7 @@ from typing import Any
 from nicegui import ui
 
 from vsense_ros.studio import actions, kit
+from vsense_ros.studio.curves import CURVES
 from vsense_ros.studio.jobs import Job
 from vsense_ros.studio.stages.check import use_car
 from vsense_ros.studio.stages.stage import Stage, state_of_job
@@ -184,40 +185,26 @@ def _where(bench: Workbench, answer: Any) -> None:
             for one in segments
         ]
         kit.table(("recording", "time [s]", "share of the error", ""), rows, "When the error occurs", texts=(0, 1, 2))
-        for drive in bench.training()[:1]:
-            curves = bench.curves(bench.job(drive.key)) if drive.key else None
-            if curves is None or "north" not in curves.signals:
-                continue
-            key = f"{drive.key}/curves"
-            with ui.element("div").classes("vs-columns even"):
-                kit.View(
-                    "Path",
-                    {
-                        "paths": [{"set": key, "x": "east", "y": "north", "label": drive.name}],
-                        "group": "where",
-                        "height": 240,
-                        "label": "Path; the cursor of the curve beside it is shown",
-                    },
-                )
-                marks = [{"from": one.begin, "to": one.end} for one in segments]
-                trace = {"set": key, "name": "speed", "label": "speed", "color": "#0b63b6"}
-                plot = {
-                    "title": "Speed, windows with the largest error marked",
-                    "unit": "m/s",
-                    "traces": [trace],
-                    "height": 210,
-                }
-                kit.View(
-                    "Board",
-                    {
-                        "axis": "time",
-                        "xlabel": "time [s]",
-                        "end": curves.duration,
-                        "plots": [plot],
-                        "marks": marks,
-                        "group": "where",
-                    },
-                )
+        for name in dict.fromkeys(one.recording for one in segments):
+            _place(bench, name, [{"from": one.begin, "to": one.end} for one in segments if one.recording == name])
+
+
+def _place(bench: Workbench, name: str, marks: list[dict[str, float]]) -> None:
+    """Path and speed of a recording, with the windows of the largest error marked in both."""
+    drive = next((one for one in bench.drives if one.key and bench.job(one.key).result.get("name") == name), None)
+    curves = bench.curves(bench.job(drive.key)) if drive is not None else None
+    if drive is None or curves is None or not {"north", "speed"} <= curves.signals.keys():
+        return
+    key = f"{drive.key}/{CURVES}"
+    with ui.element("div").classes("vs-columns even"):
+        paths = [{"set": key, "x": "east", "y": "north", "label": drive.name}]
+        label = f"Path of {name} with the windows of the largest error; the cursor of the curve beside it is shown"
+        kit.View("Path", {"paths": paths, "marks": marks, "group": f"where {name}", "height": 200, "label": label})
+        trace = {"set": key, "name": "speed", "label": "speed", "color": "#0b63b6"}
+        title = f"{name}: speed, windows with the largest error marked"
+        plot = {"title": title, "unit": "m/s", "traces": [trace], "height": 160}
+        board = {"axis": "time", "xlabel": "time [s]", "end": curves.duration, "plots": [plot], "marks": marks}
+        kit.View("Board", {**board, "group": f"where {name}"})
 
 
 def _next(answer: Any, result: dict[str, Any]) -> None:

@@ -46,7 +46,8 @@
     text(g, words, x, y, align) { g.textAlign = align || "left"; g.textBaseline = "middle"; g.fillText(words, x, y); }
   }
 
-  /** The path of one or several drives, with the place of the cursor. spec: {paths: [{set, x, y, label, color}]} */
+  /** The path of one or several drives, with the place of the cursor. spec: {paths: [{set, x, y, label, color}],
+   *  marks: [{from, to}]}, the latter in [s] */
   class Path extends Scene {
     async load() {
       this.paths = [];
@@ -68,11 +69,17 @@
       const scale = Math.min((this.width - 2 * pad) / Math.max(x1 - x0, 1), (this.height - 2 * pad) / Math.max(y1 - y0, 1));
       const px = (x) => this.width / 2 + (x - (x0 + x1) / 2) * scale, py = (y) => this.height / 2 - (y - (y0 + y1) / 2) * scale;
       this.paths.forEach((path, i) => {
+        for (const mark of this.spec.marks || []) {
+          const inside = [...path.x.keys()].filter((k) => path.t[k] >= mark.from && path.t[k] <= mark.to);
+          g.strokeStyle = "rgba(209,36,47,0.35)"; g.lineWidth = 7; g.beginPath();
+          inside.forEach((k, n) => (n ? g.lineTo(px(path.x[k]), py(path.y[k])) : g.moveTo(px(path.x[k]), py(path.y[k]))));
+          g.stroke();
+        }
         g.strokeStyle = this.spec.paths[i].color || C.series[i]; g.lineWidth = i ? 1.2 : 2; g.beginPath();
         path.x.forEach((x, k) => (k ? g.lineTo(px(x), py(path.y[k])) : g.moveTo(px(x), py(path.y[k]))));
         g.stroke();
       });
-      const metres = V.ticks(0, (this.width / 3) / scale, 2).pop() || 1;
+      const metres = V.ticks(0, (this.width / 3) / scale, 4).pop() || 1;
       g.strokeStyle = C.ink; g.lineWidth = 1.5; g.beginPath();
       g.moveTo(12, this.height - 10); g.lineTo(12 + metres * scale, this.height - 10); g.stroke();
       g.fillStyle = C.muted; this.text(g, `${metres} m`, 12, this.height - 20);
