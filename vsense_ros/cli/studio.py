@@ -34,7 +34,6 @@ def studio(files: tuple[Path, ...], folder: Path, port: int, browser: bool, uplo
     and the project, and no others. It is served to this machine alone, at an address with a token. Results are kept in
     the project by the content of their files: closing the page or ending the command loses nothing.
     """
-    from vsense_ros.evaluate.terminal import say
     from vsense_ros.studio.app import open_files, serve
     from vsense_ros.studio.project import Project
 
@@ -42,6 +41,7 @@ def studio(files: tuple[Path, ...], folder: Path, port: int, browser: bool, uplo
     folders = [path if path not in bags else path.resolve().parent for path in files]
     project = Project(folder, folders)
     open_files(project, bags)
+    say = click.echo  # of click, as ours imports what the page would wait for
     serve(project, port=port, most_megabytes=upload_limit, browser=browser, say=say)
 
 
