@@ -5,6 +5,7 @@ from pathlib import Path
 import pytest
 
 from vsense_ros.accelerator.kernels import KERNELS
+from vsense_ros.assess.covariance_kernel import Lanes, correction_requests, model_of, step_requests
 from vsense_ros.assess.partition import RESOURCES, load_device, partition, profile
 from vsense_ros.errors import InputError
 from vsense_ros.files.vehicle import load_vehicle
@@ -103,3 +104,26 @@ def test_what_an_observer_does_is_the_sum_of_its_parts():
     ops = step.operations
     saved = 3 * ops.solve + 4 * (ops.mass_matrix - ops.check_mass + ops.update_motion - ops.check_motion)
     assert step.flop - without == pytest.approx(saved)
+
+
+def test_no_lane_of_the_modelled_covariance_kernel_computes_more_than_a_product_in_a_clock():
+    """Bounds of its clocks that need no schedule: all products by all lanes, and one lane alone."""
+    for lanes in (Lanes(count=1), Lanes(count=8), Lanes(count=15)):
+        for one in step_requests(59, lanes), correction_requests(59, 6, 43, False, lanes):
+            products, clocks = (sum(getattr(part, name) for part in one) for name in ("products", "clocks"))
+            assert clocks * lanes.count > products
+            assert clocks < 10 * products / lanes.count + 1500
+
+
+def test_a_step_of_the_covariance_has_fewer_products_than_one_with_whole_matrices():
+    products = sum(part.products for part in step_requests(59, Lanes()))
+    assert products < 0.5 * 2 * 59**3, "F P F' costs two products of 59 by 59"
+
+
+def test_a_covariance_kernel_pays_on_the_thesis_s_device_though_its_link_costs():
+    device = load_device("xc7z020")
+    model, free = (model_of(VEHICLE, d, 3.0) for d in (device, device.model_copy(update={"setup_us": 0.0})))
+    assert model.step_us < 0.7 * model.alone_us
+    assert model.accelerator_us - free.accelerator_us == pytest.approx(10.0 * model.requests)
+    slow = model_of(VEHICLE, device.model_copy(update={"setup_us": 300.0}), 3.0)
+    assert slow.step_us > slow.alone_us

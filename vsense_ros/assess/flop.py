@@ -32,11 +32,18 @@ def flop_of_filter(vehicle: Vehicle) -> float:
     functions = [steps.linearize_function(car), steps.kinematics_function(car), steps.force_function(car)]
     correcting = [s for s in sensors.values() if not s.is_input]
     functions += [sensor_function(car, s) for s in correcting]
-    n, model = layout(sensors).size, 14
+    model = 14
     gained = 2 * model**3 * 3 + 2 * model * 39 * model  # the inverse, and its products
+    return float(sum(map(operations, functions)) + gained) + flop_of_covariance(vehicle)
+
+
+def flop_of_covariance(vehicle: Vehicle) -> float:
+    """Of these the operations on the covariance, with whole matrices: its step, and corrections by every sensor."""
+    sensors = sensors_of(vehicle)
+    n, model = layout(sensors).size, 14
     moved = 2 * model * (39 + n) * n  # rows of the velocities, and of the coordinates that follow them
-    corrected = sum(2 * len(s.deviations()) * n * (n + 20) for s in correcting)
-    return float(sum(map(operations, functions)) + gained + moved + corrected)
+    corrected = sum(2 * len(s.deviations()) * n * (n + 20) for s in sensors.values() if not s.is_input)
+    return float(moved + corrected)
 
 
 def operations(function: ca.Function) -> int:

@@ -53,6 +53,16 @@ def partition(vehicle: str, device: str, full: bool, iterations: float | None) -
             choice.variant, f"{choice.gain_us:+.1f} µs",
         )  # fmt: skip
     console().print(table)
+    if not full:
+        from vsense_ros.assess.covariance_kernel import model_of
+
+        model = model_of(car, board, iterations)
+        say(
+            f"A kernel for the covariance ({model.lanes} lanes), of which there is a model and no source, would take "
+            f"{model.clocks} clocks and {model.words} words a step in {model.requests} requests, "
+            f"{model.accelerator_us:.0f} µs, for {model.covariance_us:.0f} µs of the processor: a step of "
+            f"{model.step_us:.0f} µs in place of {model.alone_us:.0f} µs."
+        )
     if not result.chosen:
         say("Nothing is recommended: no kernel that fits gains more than its link costs.")
         return
