@@ -1,4 +1,4 @@
-"""The elements of the exported vectors in words: what the headers, the units and their descriptions say of them."""
+"""The elements of the exported vectors, and the variables of a unit, in words: for headers and descriptions."""
 
 from __future__ import annotations
 
@@ -37,6 +37,35 @@ class Entry:
     name: str
     unit: str
     meaning: str
+
+
+@dataclass(frozen=True)
+class Variable:
+    """An array of the unit: where it is in C, and what its elements are."""
+
+    name: str
+    place: str
+    kind: str  # PARAMETER, INPUT, OUTPUT, TIME
+    elements: tuple[Entry, ...]
+    start: float | None = None
+    may_miss: bool = False  # NaN marks what was not measured
+
+    @property
+    def size(self) -> int:
+        return len(self.elements)
+
+
+@dataclass(frozen=True)
+class Sensor:
+    """A sensor that corrects: its name in C, where its values stand among those measured."""
+
+    name: str
+    elements: tuple[Entry, ...]
+    first: int
+
+    @property
+    def size(self) -> int:
+        return len(self.elements)
 
 
 def _state_entries() -> tuple[Entry, ...]:

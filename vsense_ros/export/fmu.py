@@ -28,7 +28,7 @@ from vsense_ros.codegen.forms import number
 from vsense_ros.errors import InputError
 from vsense_ros.export import c, terminals
 from vsense_ros.export.c import Contents, Observer
-from vsense_ros.export.entries import INPUT_ENTRIES, Entry
+from vsense_ros.export.entries import INPUT_ENTRIES, Entry, Sensor, Variable
 from vsense_ros.export.sources import compile_library, identifier, plain, templates
 from vsense_ros.extras import explained
 from vsense_ros.files.names import harmless
@@ -68,35 +68,6 @@ _UNITS = {
     "m/s2": {"m": 1, "s": -2}, "rad/s2": {"rad": 1, "s": -2}, "N": {"kg": 1, "m": 1, "s": -2},
     "N m": {"kg": 1, "m": 2, "s": -2}, "rad/m": {"rad": 1, "m": -1},
 }  # fmt: skip
-
-
-@dataclass(frozen=True)
-class Variable:
-    """An array of the unit: where it is in C, and what its elements are."""
-
-    name: str
-    place: str
-    kind: str  # PARAMETER, INPUT, OUTPUT, TIME
-    elements: tuple[Entry, ...]
-    start: float | None = None
-    may_miss: bool = False  # NaN marks what was not measured
-
-    @property
-    def size(self) -> int:
-        return len(self.elements)
-
-
-@dataclass(frozen=True)
-class Sensor:
-    """A sensor that corrects: its name in C, where its values stand among those measured."""
-
-    name: str
-    elements: tuple[Entry, ...]
-    first: int
-
-    @property
-    def size(self) -> int:
-        return len(self.elements)
 
 
 class Unit:

@@ -6,11 +6,10 @@ from __future__ import annotations
 
 from importlib import resources
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import Protocol
 from xml.etree import ElementTree
 
-if TYPE_CHECKING:
-    from vsense_ros.export.fmu import Unit
+from vsense_ros.export.entries import Sensor, Variable
 
 SIDE = 100.0  # of the icon from its middle, in the units of its coordinate system
 MILLIMETRES = 0.1  # that one of these units is suggested to be drawn as
@@ -24,7 +23,15 @@ _MEANINGS = {
 }
 
 
-def write(unit: Unit, version: int, folder: Path) -> None:
+class Connected(Protocol):
+    """What terminals are made of: the sensors and variables of a unit, which are scalars if it has no arrays."""
+
+    sensors: list[Sensor]
+    variables: list[Variable]
+    scalars: bool
+
+
+def write(unit: Connected, version: int, folder: Path) -> None:
     """Write the icon of a unit into the `folder` of its files, where its version of FMI expects it, and of FMI 3 the
     description of terminals."""
     icons = resources.files("vsense_ros.export").joinpath("icons")
@@ -42,7 +49,7 @@ def write(unit: Unit, version: int, folder: Path) -> None:
     (place / "terminalsAndIcons.xml").write_text(content, encoding="utf-8")
 
 
-def described(unit: Unit) -> ElementTree.Element:
+def described(unit: Connected) -> ElementTree.Element:
     """terminalsAndIcons.xml of FMI 3."""
     sub = ElementTree.SubElement
     root = ElementTree.Element("fmiTerminalsAndIcons", fmiVersion="3.0")
@@ -59,21 +66,21 @@ def described(unit: Unit) -> ElementTree.Element:
     return root
 
 
-def groups(unit: Unit) -> dict[str, tuple[str, list[tuple[str, str]]]]:
-    """Of each terminal its meaning, and the variables with their names in it; time and parameters of the start are in
-    none."""
-    found: dict[str, tuple[str, list[tuple[str, str]]]] = {}
+def groups(unit: Connected) -> dict[str, tuple[str, list[tuple[str, str]]]]:
+    """Meaning of each terminal, by its name, and its variables with their names in it; time and the parameters of the
+    start are in none."""
+    terminals: dict[str, tuple[str, list[tuple[str, str]]]] = {}
     counted = {sensor.name for sensor in unit.sensors}
     for variable in unit.variables:
         if variable.kind not in ("INPUT", "OUTPUT"):
             continue
         name = _terminal(variable.name) if variable.name not in counted else variable.name
-        _, members = found.setdefault(name, (_MEANINGS.get(name, f"what {name} measures"), []))
+        _, members = terminals.setdefault(name, (_MEANINGS.get(name, f"what {name} measures"), []))
         scalars = [entry.name.lower() for entry in variable.elements] if unit.scalars else [""]
         members += [(".".join(filter(None, (variable.name, scalar))),) * 2 for scalar in scalars]
         if variable.name in counted:
             members.append((f"{variable.name}_count",) * 2)
-    return found
+    return terminals
 
 
 def _terminal(variable: str) -> str:

@@ -86,15 +86,13 @@ def _open(path: Path) -> Any:
         raise InputError(f"{path}: cannot be read as MDF: {error}") from None
 
 
-def _column(path: Path, file: Any, ref: Ref, times: dict[int, Array]) -> Column:
-    """A channel; the `times` of its group, which take as long to read, are kept for the others of the group."""
-    from asammdf.blocks.utils import MdfException
-
+def _place(path: Path, file: Any, ref: Ref) -> tuple[int, int]:
+    """Group and index of the channel that a mapping names. Raises `InputError` if there is none, or several."""
     places = file.channels_db.get(ref.name, ())
     groups = dict.fromkeys(group for group, _ in places)
     if ref.group is not None and ref.group not in groups:
-        found = f"; it is in {', '.join(map(str, groups))}" if groups else ""
-        raise InputError(f"{path}: no channel {ref.name!r} in group {ref.group}{found}")
+        elsewhere = f"; it is in {', '.join(map(str, groups))}" if groups else ""
+        raise InputError(f"{path}: no channel {ref.name!r} in group {ref.group}{elsewhere}")
     if not places:
         close = sorted(channel for channel in file.channels_db if str(ref.name).lower() in channel.lower())
         hint = f"; similar: {', '.join(close[:8])}" if close else ""
@@ -104,7 +102,14 @@ def _column(path: Path, file: Any, ref: Ref, times: dict[int, Array]) -> Column:
         raise InputError(
             f"{path}: channel {ref.name!r} is in {len(places)} groups: {listed}; say which, group: {places[0][0]}"
         )
-    group, index = next(place for place in places if ref.group in (None, place[0]))
+    return next(place for place in places if ref.group in (None, place[0]))
+
+
+def _column(path: Path, file: Any, ref: Ref, times: dict[int, Array]) -> Column:
+    """A channel; the `times` of its group, which take as long to read, are kept for the others of the group."""
+    from asammdf.blocks.utils import MdfException
+
+    group, index = _place(path, file, ref)
     try:
         if group in times and file.version >= "4":
             samples, invalid = file.get(ref.name, group=group, index=index, samples_only=True)

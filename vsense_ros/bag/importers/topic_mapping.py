@@ -81,8 +81,10 @@ def mapped(recording: Recording, source: str | Path | Mapping[str, Any] | None) 
 
 
 def mapped_pieces(pieces: Iterable[Recording], source: str | Path | Mapping[str, Any] | None) -> Iterator[Recording]:
-    """The same of a bag in pieces, each of which may lack a topic. Raises `InputError` at the end for one that none
-    has."""
+    """Apply a mapping of topics to a bag in pieces, each of which may lack a topic.
+
+    Raises `InputError` at the end for a topic that none has.
+    """
     if source is None:
         yield from pieces
         return
