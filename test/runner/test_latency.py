@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import tracemalloc
 from functools import cache
 
 import numpy as np
@@ -110,3 +111,16 @@ def test_an_inertial_sensor_that_is_late_is_said_and_used_at_its_time(lane_chang
     found = runner.latency.latencies.late[runner.names.index("imu")]
     assert found.seconds == pytest.approx(late, abs=3 * found.deviation)
     assert np.abs(errors).max() < 0.3
+
+
+def test_readings_that_nobody_looks_at_are_not_kept_for_ever():
+    vehicle = car()
+    latencies = Latencies(vehicle, vehicle.sensing())
+    value, variance = np.zeros(6), np.ones(6)
+    imu = list(vehicle.sensing()).index("imu")
+    tracemalloc.start()
+    for k in range(30_000):  # five minutes at 100 Hz, in which no receiver has a fix
+        latencies.hear(Event(imu, k * SECOND // 100, value.copy(), variance))
+    kept, _ = tracemalloc.get_traced_memory()
+    tracemalloc.stop()
+    assert kept < 3e6

@@ -16,6 +16,7 @@ the filter uses it at its time, or, where that is beyond what it remembers, refu
 
 from __future__ import annotations
 
+from collections import deque
 from collections.abc import Mapping
 from dataclasses import dataclass
 from itertools import combinations
@@ -39,6 +40,7 @@ class LatencySettings:
     """How lags are estimated, and when one is used: decisions of this project."""
 
     period: int = 3_000_000_000  # [ns] from one estimate to the next
+    most_heard: int = 10_000  # [-] readings of a sensor kept until then: three periods of 1 kHz
     window: float = 40.0  # [s] of the newest readings that are compared
     longest: float = 1.6  # [s] lag that is sought
     step: float = 0.04  # [s] between the values that are compared
@@ -131,7 +133,8 @@ class Latencies:
         )
         places = self._inertial, self._wheels, self._course, self._steering
         self._motions = {i: _Motion() for i in places if i >= 0}
-        self._heard: dict[int, list[tuple[int, Array]]] = {i: [] for i in self._motions}
+        # Before the filter starts nobody looks at them, which may last for hours: the newest are kept.
+        self._heard: dict[int, deque[tuple[int, Array]]] = {i: deque(maxlen=LATENCY.most_heard) for i in self._motions}
         self.possible = self._inertial >= 0 and len(self._motions) > 1
         self._sensors = every
         self._car = car_numbers(vehicle)
@@ -151,7 +154,7 @@ class Latencies:
 
     def look(self, now: int) -> bool:
         """Estimate all lags anew if it is time [ns]; True if others are late now."""
-        if not self.possible or 0 <= now - self._due < LATENCY.period:
+        if 0 <= now - self._due < LATENCY.period:
             return False
         jumped = not 0 <= now - self._due < 3 * LATENCY.period
         self._due = now

@@ -27,8 +27,9 @@ class LatencyJudge(Judge):
         self.hears = frozenset()
         self._names = tuple(adapter.sensors)
         self._reach = adapter.vehicle.observer.history
-        self.latencies = Latencies(adapter.vehicle, adapter.sensors) if adapter.knows_car else None
-        self.judged = self.latencies is not None and self.latencies.possible
+        latencies = Latencies(adapter.vehicle, adapter.sensors) if adapter.knows_car else None
+        self.latencies = latencies if latencies is not None and latencies.possible else None
+        self.judged = self.latencies is not None
         self._late: dict[int, int] = {}  # that are not in time [ns]
 
     def hear_first(self, event: Event) -> None:
