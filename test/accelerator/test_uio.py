@@ -11,11 +11,13 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
+from typing import Any, cast
 
 import numpy as np
 import pytest
 
-from linear_systems import mass_matrices, tables
+from linear_systems import mass_matrices, prototype, tables
 from vsense_ros.accelerator.client import Client
 from vsense_ros.accelerator.frame import Status
 from vsense_ros.accelerator.kernels import BODY_MASS, SOLVE_14, SUSPENSION_MOTION, Kernel
@@ -200,3 +202,24 @@ def test_what_is_not_this_hardware_is_refused_by_what_is_wrong(
 ) -> None:
     with pytest.raises(InputError, match=said):
         Uio(wrong(Hardware(tmp_path, SOLVE_14)))
+
+
+def test_the_observer_takes_hardware_that_is_of_the_kernel_it_is_told(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    pytest.importorskip("rclpy", reason="ROS 2 (rclpy) is not installed here")
+    from vsense_ros.node import observer_accelerator as node
+
+    hardware, vehicle = Hardware(tmp_path, SOLVE_14), prototype()
+    monkeypatch.setattr(node, "Uio", lambda: Uio(hardware.places))
+
+    def made(*kernels: str) -> node.Accelerator:
+        chosen = node.AcceleratorParameters(accelerator="uio", accelerator_kernels=kernels)
+        parameters = SimpleNamespace(**chosen.model_dump(), filter="error_ekf")
+        return node.Accelerator(cast(Any, None), parameters, vehicle)
+
+    extension = made("solve14")
+    assert callable(extension.make_filter())
+    extension.release()
+    with pytest.raises(InputError, match=r"is solve14, body_mass, and .*uio0 is solve14: name that alone"):
+        made("solve14", "body_mass")

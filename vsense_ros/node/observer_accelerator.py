@@ -8,6 +8,7 @@ from pydantic import BaseModel, Field
 
 from vsense_ros.accelerator.client import Client, Direct
 from vsense_ros.accelerator.device import Device
+from vsense_ros.accelerator.uio import Uio
 from vsense_ros.errors import InputError
 from vsense_ros.messages.diagnostic import Diagnostic, Level
 from vsense_ros.model.vehicle import Vehicle
@@ -24,10 +25,11 @@ _REPLAY_DEADLINE = 1.0  # [s]: in a replay nothing may depend on how busy the ma
 class AcceleratorParameters(BaseModel):
     """Which accelerator, and for what."""
 
-    accelerator: Literal["", "topics", "mock", "rtl"] = Field(
+    accelerator: Literal["", "topics", "mock", "rtl", "uio"] = Field(
         "",
         description="what computes kernels of errorEKF or SPI, whose step is implicit then: the accelerator node over "
-        "its topics, or within this process NumPy or simulated hardware, in modelled time; empty: none",
+        "its topics, within this process NumPy or simulated hardware, in modelled time, or the hardware of a Zynq "
+        "(/dev/uio0, uio1, udmabuf0: hw/README.md); empty: none",
     )
     accelerator_kernels: tuple[str, ...] = Field(
         ("solve14",), description="which: solve14, suspension_motion, body_mass; of the full car solve56, body_mass"
@@ -51,12 +53,21 @@ class Accelerator(Extension):
                 f"parameter accelerator is {p.accelerator!r} with the filter {p.filter!r}; an accelerator computes "
                 f"kernels of {', '.join(ACCELERATED)} alone: leave filter empty, or accelerator"
             )
-        self._link: TopicLink | None = None
+        self._link: TopicLink | Uio | None = None
         self._at = None
         if p.accelerator == "topics":
             is_replay = bool(node.get_parameter("use_sim_time").value)
             self._link = TopicLink(node)
             self._client = Client(self._link, deadline=_REPLAY_DEADLINE if is_replay else p.accelerator_deadline)
+        elif p.accelerator == "uio":
+            self._link = link = Uio()
+            if p.accelerator_kernels != (link.kernel.name,):
+                link.close()
+                raise InputError(
+                    f"parameter accelerator_kernels is {', '.join(p.accelerator_kernels)}, and {link.places.registers} "
+                    f"is {link.kernel.name}: name that alone"
+                )
+            self._client = Client(link, deadline=p.accelerator_deadline)
         else:
             direct = Direct(Device(p.accelerator, p.accelerator_kernels))
             self._client, self._at = Client(direct, deadline=p.accelerator_deadline), direct.at
@@ -89,7 +100,7 @@ class Accelerator(Extension):
         return {"accelerator": dict(self._client.counts)}
 
     def release(self) -> None:
-        """Close the link over topics."""
+        """Close the link over topics, or to hardware."""
         if self._link is not None:
             self._link.close()
             self._link = None
