@@ -15,7 +15,8 @@ NUMBERS = {
     "mass": 1858.0, "yaw_inertia": 3515.0, "to_front": 1.36, "to_rear": 1.546, "front_stiffness": 154780.0,
     "rear_stiffness": 147540.0, "friction": 1.0, "roll_gain": 0.05, "roll_frequency": 11.8, "roll_damping": 0.1,
     "roll_arm": 0.49, "stiffness_deviation": 0.15, "gyro_scale_deviation": 0.01, "slip_error": 0.0015,
-    "shaking_noise": 0.1, "rolling_radius": 0.29, "rear_track": 1.536,
+    "shaking_noise": 0.1, "pitching_noise": 0.05, "leaning": 5e-4, "grade_drift": 0.02, "bank_drift": 0.3,
+    "steering_error": 0.3, "antenna_deviation": 0.5, "rolling_radius": 0.29, "rear_track": 1.536,
     "straight_rate": 0.0175, "sample_time": 0.01, "gyro_noise": 0.0018, "acceleration_noise": 0.5, "spin_noise": 0.04,
     "antenna_x": 0.3, "antenna_y": -0.1, "gravity": 9.81, "road_bank": 0.01, "road_bank_time": 20.0,
 }  # fmt: skip

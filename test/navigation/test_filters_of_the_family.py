@@ -24,6 +24,7 @@ NUMBERS = {
     "antenna_deviation": 0.5, "steering_error": 0.3, "shaking_noise": 0.1, "rolling_radius": 0.29, "rear_track": 1.536,
     "straight_rate": 0.0175, "sample_time": 0.01, "gyro_noise": 0.0018, "acceleration_noise": 0.5, "spin_noise": 0.04,
     "antenna_x": 0.3, "antenna_y": -0.1, "gravity": 9.81,
+    "pitching_noise": 0.05, "leaning": 5e-4, "grade_drift": 0.02, "bank_drift": 0.3,
     "road_bank": 0.01, "road_bank_time": 20.0,
 }  # fmt: skip
 SEEN = {

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
@@ -9,9 +11,11 @@ from scipy.spatial.transform import Rotation
 from studies import leung_figures as job
 from studies.leung import SECTION_4_4
 from studies.tasks import in_turn
-from vsense_ros.assess.drives import Case, Error, Truth
+from vsense_ros.assess.drives import Case, Error, Truth, readings
+from vsense_ros.assess.filter_run import follow
 from vsense_ros.errors import InputError
 from vsense_ros.evaluate.terminal import PlainConsole
+from vsense_ros.navigation.space import MOTION
 from vsense_ros.navigation.thesis.dual_kkf import DUAL_KKF, dual
 from vsense_ros.navigation.yaw_kkf import BIAS, COURSE
 
@@ -55,6 +59,20 @@ def test_on_a_straight_the_gain_of_figure_4_20_is_that_of_riccatis_equation(defi
     between[:2000] = False
     assert gain[between] == pytest.approx(np.array(expected)[between], rel=0.01)
     assert of_fix[np.isfinite(of_fix)][20:] == pytest.approx(at_fix[20:], rel=0.01)
+
+
+def test_on_a_level_road_more_fixes_make_the_error_of_inertial_smaller_and_it_states_no_less_than_its_error() -> None:
+    truth, errors, normalized = weave(60.0, 0.0), [], []
+    for rate in (1.0, 10.0, 100.0):
+        settings = replace(SECTION_4_4, fix_period=1 / rate)
+        drawn = [Case(job.SHORT["ST"], seed, settings) for seed in range(3)]
+        runs = [follow("inertial", truth, case, readings(truth, case))[0] for case in drawn]
+        lateral = np.concatenate([run.value[200:, MOTION.index("lateral_velocity")] for run in runs])
+        variance = np.concatenate([run.twist_covariance[200:, 1, 1] for run in runs])
+        errors.append(np.sqrt(np.mean(lateral**2)))
+        normalized.append(np.mean(lateral**2 / variance))
+    assert errors == sorted(errors, reverse=True)
+    assert max(normalized) < 1.5
 
 
 def test_the_vertical_velocity_in_the_axes_of_the_road_is_that_of_a_turned_vector() -> None:

@@ -44,6 +44,9 @@ def follow(
         "road_bank": LEVEL, "stiffness_deviation": TYRES_KNOWN, "gyro_scale_deviation": SCALE_KNOWN,
         "slip_error": SLIP_KNOWN, "shaking_noise": SHAKING_KNOWN,
         "antenna_deviation": ANTENNA_KNOWN, "steering_error": STEERING_KNOWN,
+        "pitching_noise": SHAKING_KNOWN,
+        "leaning": 1e-5,  # [rad/√s]
+        "grade_drift": 1e-4, "bank_drift": 1e-4,  # [m/s²/√s] of a level road
     }  # fmt: skip
     numbers = {**car_numbers(study_car(case.plant), sensors.values()), **known}
     filter = Aided(name, definition or DEFINITIONS[name][1], numbers, sensors)

@@ -42,6 +42,10 @@ def car_numbers(vehicle: Vehicle, sensors: Iterable[SensorBase]) -> dict[str, fl
         "slip_error": SLIP_ERROR,
         "steering_error": STEERING_ERROR,
         "shaking_noise": SHAKING_NOISE,
+        "pitching_noise": 0.05,  # [m/s²/√Hz] of a body that pitches on its springs, in an accelerometer along
+        "leaning": 5e-4,  # [rad/√s] of heading, by a gyro whose axis leans with body and road
+        "grade_drift": 0.02,  # [m/s²/√s] by which the bias of an accelerometer along drifts, with the road's grade
+        "bank_drift": 0.3,  # [m/s²/√s] by which that of one across drifts, with the road's bank
         "gyro_scale_deviation": GYRO_SCALE_DEVIATION,
         "antenna_deviation": ANTENNA_DEVIATION,
         **roll_numbers(vehicle),

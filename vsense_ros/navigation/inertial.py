@@ -24,14 +24,11 @@ from typing import Any
 import casadi as ca
 
 from vsense_ros.estimation.state_space import Measurement, Named
-from vsense_ros.navigation.car_numbers import GYRO_SCALE_DEVIATION, SHAKING_NOISE
+from vsense_ros.navigation.car_numbers import GYRO_SCALE_DEVIATION
 from vsense_ros.navigation.joint_kkf import HEADING, JointKkf, velocity_on_map
 from vsense_ros.navigation.space import Definition, FirstReadings, drifting
 
 TYPICAL = {"rear_distance": (1.4, 0.3), "rear_slip": (0.003, 0.002), "roll_gain": (0.1, 0.1)}  # value, deviation
-TILT_NOISE = (0.05, SHAKING_NOISE)  # [m/s²/√Hz] of the body's pitch and roll on its springs, in the accelerometers
-LEANING = 5e-4  # [rad/√s] of heading, by a gyro whose axis leans with body and road
-ROAD = (0.02, 0.3)  # [m/s²/√s] by which the biases of the accelerometers drift: road along and across
 ASIDE, ASIDE_TIME = 0.002, 3.0  # [rad], [s] of s where the car hardly slides
 LINEAR = 4.0  # [m/s²] of lateral acceleration at which s is twice as large
 SLIDING = 0.1  # [m/s] of the steady state besides, a hundred times a second
@@ -44,7 +41,7 @@ class Inertial(JointKkf):
         "forward_velocity", "lateral_velocity", "yaw", "gyro_bias", "acceleration_bias_x", "acceleration_bias_y",
         "rear_distance", "rear_slip", "roll_gain", "gyro_scale", "aside",
     )  # fmt: skip
-    parameters = JointKkf.parameters
+    parameters = (*JointKkf.parameters, "pitching_noise", "shaking_noise", "leaning", "grade_drift", "bank_drift")
     prior: Mapping[str, float] = {
         "forward_velocity": 0.3, "lateral_velocity": 0.1, "yaw": 0.05, "gyro_bias": 0.02,
         "acceleration_bias_x": 1.0, "acceleration_bias_y": 1.0, **{name: own[1] for name, own in TYPICAL.items()},
@@ -63,7 +60,9 @@ class Inertial(JointKkf):
         input_noise = self.sampled(x, u, theta, h, acceleration_x=force, acceleration_y=force, yaw_rate=rate)
         sideways = ASIDE * (1 + (u.acceleration_y / LINEAR) ** 2)
         strays = ca.diag(ca.vertcat(ca.SX.zeros(10), sideways**2 * (1 - ca.exp(-2 * h / ASIDE_TIME))))
-        return input_noise + drifting(h, *TILT_NOISE, LEANING, 1e-5, *ROAD, 1e-4, 1e-5, 1e-4, 1e-6, 0.0) + strays
+        body = (theta.pitching_noise, theta.shaking_noise, theta.leaning)
+        road = (theta.grade_drift, theta.bank_drift)
+        return input_noise + drifting(h, *body, 1e-5, *road, 1e-4, 1e-5, 1e-4, 1e-6, 0.0) + strays
 
     def motion(self, x: Named, u: Named, theta: Named) -> dict[str, Any]:
         return {**super().motion(x, u, theta), "yaw_rate": turning(x, u)}

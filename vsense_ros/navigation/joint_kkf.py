@@ -24,7 +24,7 @@ class JointKkf(NavigationSpace):
         "east", "north",
     )  # fmt: skip
     inputs = ("acceleration_x", "acceleration_y", "yaw_rate")
-    parameters = ("acceleration_noise", "gyro_noise", "sample_time", "antenna_x", "antenna_y")
+    parameters: tuple[str, ...] = ("acceleration_noise", "gyro_noise", "sample_time", "antenna_x", "antenna_y")
     prior: Mapping[str, float] = {
         "forward_velocity": 0.3, "lateral_velocity": 0.3, "yaw": 0.05, "gyro_bias": 0.02,
         "acceleration_bias_x": 2.0, "acceleration_bias_y": 2.0, "east": 10.0, "north": 10.0,

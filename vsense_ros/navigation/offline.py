@@ -24,7 +24,7 @@ import casadi as ca
 
 from vsense_ros.estimation.state_space import Measurement, Named
 from vsense_ros.navigation.car_numbers import ANTENNA_DEVIATION, GYRO_SCALE_DEVIATION
-from vsense_ros.navigation.inertial import LEANING, LINEAR, TILT_NOISE, TYPICAL, turning
+from vsense_ros.navigation.inertial import LINEAR, TYPICAL, turning
 from vsense_ros.navigation.space import Definition, FirstReadings, NavigationSpace, drifting
 
 SLIDING = 0.3  # [m/s] by which the lateral velocity is off at each reading, besides s
@@ -53,7 +53,10 @@ class Offline(NavigationSpace):
         "lever_y", "delay", "heading_offset", "rolling_radius", "wheel_slip", "aside",
     )  # fmt: skip
     inputs = ("acceleration_x", "acceleration_y", "yaw_rate")
-    parameters = ("acceleration_noise", "gyro_noise", "sample_time", "antenna_x", "antenna_y", "rolling_radius")
+    parameters = (
+        "acceleration_noise", "gyro_noise", "sample_time", "antenna_x", "antenna_y", "rolling_radius",
+        "pitching_noise", "shaking_noise", "leaning",
+    )  # fmt: skip
     prior: Mapping[str, float] = {
         "forward_velocity": 0.3, "lateral_velocity": 0.3, "yaw": 0.05, "east": 10.0, "north": 10.0,
         "gyro_bias": 0.02, "gyro_scale": GYRO_SCALE_DEVIATION, "acceleration_bias_x": 1.0, "acceleration_bias_y": 1.0,
@@ -82,7 +85,8 @@ class Offline(NavigationSpace):
             WHEEL_SLIP**2 * (1 - ca.exp(-2 * h / WHEEL_SLIP_TIME)),
             sideways**2 * (1 - ca.exp(-2 * h / ASIDE_TIME)),
         ]
-        walks = drifting(h, *TILT_NOISE, LEANING, 1e-3, 1e-3, 1e-5, 1e-6, *ROAD, *[0.0] * 9, 0.0, 0.0)
+        body = (theta.pitching_noise, theta.shaking_noise, theta.leaning)
+        walks = drifting(h, *body, 1e-3, 1e-3, 1e-5, 1e-6, *ROAD, *[0.0] * 9, 0.0, 0.0)
         return input_noise + walks + ca.diag(ca.vertcat(ca.SX.zeros(18), *strays))
 
     def motion(self, x: Named, u: Named, theta: Named) -> dict[str, Any]:

@@ -61,9 +61,9 @@ class NavigationSpace(StateSpace):
         return Gaussian(np.array([initial.get(name, 0.0) for name in self.names]), np.diag(deviations**2))
 
 
-def drifting(h: Any, *densities: float) -> ca.SX:
+def drifting(h: Any, *densities: Any) -> ca.SX:
     """Covariance that random walks add in `h` [s]; `densities` are standard deviations after one second."""
-    return ca.diag(ca.SX(np.square(densities))) * h
+    return ca.diag(ca.vertcat(*map(ca.SX, densities)) ** 2) * h
 
 
 @dataclass(frozen=True)
