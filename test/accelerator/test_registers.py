@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import ctypes
+import os
 import runpy
 import subprocess
 from collections.abc import Callable
@@ -13,10 +14,12 @@ import pytest
 
 from linear_systems import mass_matrices, tables
 from marks import exam_except
+from test_uio import PHYSICAL, Hardware
 from vsense_ros.accelerator.frame import Status
 from vsense_ros.accelerator.kernels import BODY_MASS, SOLVE_14, SUSPENSION_MOTION, Kernel
 from vsense_ros.accelerator.registers import REGISTERS, values
 from vsense_ros.accelerator.rtl import missing, sources
+from vsense_ros.accelerator.uio import Uio
 from vsense_ros.cache import kept
 
 HW = Path(__file__).parents[2] / "hw"
@@ -124,6 +127,44 @@ def built() -> Callable[[Kernel], Controlled]:
     return build
 
 
+class Registers:
+    """The registers of a kernel in Verilator, as the driver of Linux maps them."""
+
+    def __init__(self, here: Controlled) -> None:
+        self.here = here
+
+    def __getitem__(self, word: int) -> int:
+        return self.here.read(REGISTERS[word].name)
+
+    def __setitem__(self, word: int, value: int) -> None:
+        self.here.write(REGISTERS[word].name, value)
+
+
+class Dma:
+    """The registers of its DMA, which is as fast as the kernel; one that `loses` words sends the first 20."""
+
+    def __init__(self, here: Controlled, files: Hardware) -> None:
+        self.here, self.files, self.written, self.loses = here, files, dict[int, int](), False
+
+    def __getitem__(self, word: int) -> int:
+        return 2 if word == 0x34 // 4 else 0  # the result is in memory
+
+    def __setitem__(self, word: int, value: int) -> None:
+        self.written[word] = value
+        if word != 0x28 // 4:
+            return
+        memory = np.frombuffer(self.files.memory, np.uint32)
+        first, at = ((self.written[address // 4] - PHYSICAL) // 4 for address in (0x18, 0x48))
+        words = memory[first : first + value // 4]
+        if self.loses:
+            self.here.offer(words[:20], last=-1)
+        else:
+            self.here.offer(words)
+            memory[at : at + self.here.kernel.words_out] = self.here.collect()[0]
+        if self.here.interrupts:
+            os.write(self.files.ours, (1).to_bytes(4, "little"))
+
+
 def system(seed: int = 1) -> np.ndarray:
     matrix = mass_matrices(1, seed)[0]
     right = np.random.default_rng(seed).normal(0, 1000, 14)
@@ -140,6 +181,24 @@ class TestSimulated:
         here = built(kernel)
         assert {name: here.read(name) for name in values(kernel)} == values(kernel)
         assert here.read("CONTROL") == BIT["CONTROL.idle"]
+
+    def test_the_driver_of_linux_has_the_bits_of_the_mock_also_after_a_request_that_was_cut_off(
+        self, built, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    ) -> None:
+        files, here, given = Hardware(tmp_path, SOLVE_14), built(SOLVE_14), [system(k) for k in range(4)]
+        driver, dma = Uio(files.places), Dma(here, files)
+        monkeypatch.setattr(driver, "_registers", Registers(here))
+        monkeypatch.setattr(driver, "_dma", dma)
+        for k in (0, 1):
+            assert np.array_equal(driver.run(given[k], driver.now() + 5), SOLVE_14.run(given[k])[0])
+        assert driver.counters()["REQUESTS"] == 2
+        dma.loses = True
+        with pytest.raises(TimeoutError, match="no interrupt"):
+            driver.run(given[2], driver.now() + 0.05)
+        dma.loses = False
+        assert np.array_equal(driver.run(given[3], driver.now() + 5), SOLVE_14.run(given[3])[0])
+        assert driver.counters()["REQUESTS"] == 1  # since the reset
+        driver.close()
 
     def test_a_request_gives_the_bits_of_the_mock_and_is_counted(self, built) -> None:
         here = built(SOLVE_14)
