@@ -83,6 +83,36 @@ def test_the_sensor_that_is_late_is_found_with_its_lag(late: dict[str, float]) -
         assert abs(found.seconds - true) < min(0.03, 3 * found.deviation)
 
 
+@pytest.mark.parametrize("sits", [1.7, -1.3])
+@pytest.mark.parametrize("late", [0.0, 0.6])
+def test_an_antenna_that_sits_elsewhere_makes_no_lag_of_a_course_alone(sits: float, late: float) -> None:
+    """By the file it is 1.7 m ahead of the rear axle; without wheels, while the car gains and loses speed."""
+    vehicle, ahead = car(), 1.7
+    sensors = vehicle.sensing()
+    names, to_rear = list(sensors), car_numbers(vehicle)["to_rear"]
+    sensors = {
+        **sensors,
+        "velocity": sensors["velocity"].model_copy(update={"position": (ahead - to_rear, 0.0, 1.0)}),
+    }
+    latencies, rng = Latencies(vehicle, sensors), np.random.default_rng(SEED)
+    for k in range(4000):
+        stamp = 100 * SECOND + k * SECOND // 100
+        rate, _ = turning(np.array(k / 100))
+        imu = np.array([0.0, 0.0, rate, 1.2 * np.cos(0.4 * k / 100), 0.0, 9.8])
+        readings = [("imu", imu + 0.01 * rng.standard_normal(6))]
+        if k % 10 == 0:
+            rate, heading = turning(np.array(k / 100 - late))
+            speed = 7.0 + 3.0 * np.sin(0.4 * (k / 100 - late))
+            course = heading + np.arctan(sits * rate / speed)
+            velocity = speed * np.array([np.cos(course), np.sin(course)])
+            readings.append(("velocity", velocity + 0.01 * rng.standard_normal(2)))
+        for name, value in readings:
+            latencies.hear(Event(names.index(name), stamp, value, np.ones(len(value))))
+        latencies.look(stamp)
+    assert latencies.found[names.index("velocity")].seconds == pytest.approx(late, abs=0.1)
+    assert bool(latencies.late) == (late > 0)
+
+
 def test_a_car_that_goes_straight_shows_no_lag() -> None:
     latencies = Latencies(car(), car().sensing())
     rng, names = np.random.default_rng(SEED), list(car().sensing())

@@ -9,9 +9,10 @@ ASSP 24), and its variance follows from the curvature of the correlation there a
 
 A steering angle leads the turn that answers it by the mean delay of the single-track model, and the course of an
 antenna ahead of the rear axle leads the heading by the time it takes to drive that far, less what the rear tyres slip;
-both are taken off. All pairs of sensors are adjusted together by least squares, relative to the inertial sensor, and
-those are in time that most agree with. A reading of one that is late for certain is taken to be as old as that says:
-the filter uses it at its time, or, where that is beyond what it remembers, refuses it.
+both are taken off, of turns alone: a speed needs neither. All pairs of sensors are adjusted together by least squares,
+relative to the inertial sensor, and those are in time that most agree with. A reading of one that is late for certain
+is taken to be as old as that says: the filter uses it at its time, or, where that is beyond what it remembers, refuses
+it.
 """
 
 from __future__ import annotations
@@ -82,14 +83,15 @@ class Late(NamedTuple):
 
 
 class _Motion:
-    """Turn [rad] and gain of speed [m/s] since the beginning, by one sensor: rows of time [s] and both of these."""
+    """Turn [rad] and gain of speed [m/s] since the beginning, by one sensor: rows of time [s], both of these, and by
+    how much the body turns later than the row says [s]."""
 
     def __init__(self) -> None:
-        self.rows = np.zeros((0, 3))
-        self.newest = np.zeros((0, 3))  # the newest row as it was given
+        self.rows = np.zeros((0, 4))
+        self.newest = np.zeros((0, 4))  # the newest row as it was given
 
     def integrate(self, rows: Array, oldest: float, integrals: list[bool]) -> None:
-        """Append rows (n, 3) in the order of their times, of which the last two are rates, where they are not
+        """Append rows (n, 4) in the order of their times, of which turn and gain are rates, where they are not
         `integrals` already, and forget what is older than a time [s]."""
         rows = np.concatenate([self.newest, rows])
         ahead = np.diff(rows[:, 0], prepend=-np.inf) > 0
@@ -97,9 +99,10 @@ class _Motion:
         if len(rows) < 2:
             return
         steps = np.diff(rows[:, 0])[:, None]
-        changes = np.where(integrals, np.diff(rows[:, 1:], axis=0), 0.5 * (rows[1:, 1:] + rows[:-1, 1:]) * steps)
-        begin = self.rows[-1:, 1:] if len(self.rows) else np.where(integrals, rows[:1, 1:], 0.0)
-        more = np.column_stack([rows[1:, 0], begin + np.cumsum(changes, axis=0)])
+        values = rows[:, 1:3]
+        changes = np.where(integrals, np.diff(values, axis=0), 0.5 * (values[1:] + values[:-1]) * steps)
+        begin = self.rows[-1:, 1:3] if len(self.rows) else np.where(integrals, values[:1], 0.0)
+        more = np.column_stack([rows[1:, 0], begin + np.cumsum(changes, axis=0), rows[1:, 3]])
         self.newest = rows[-1:]
         joined = np.concatenate([self.rows, more])
         self.rows = joined[np.searchsorted(joined[:, 0], oldest) :]
@@ -112,14 +115,17 @@ class _Motion:
 
     def rates(self, times: Array, span: float) -> Array:
         """Mean rates of turn and of gain of speed (2, n) around times [s], NaN where they are not known."""
-        t = self.rows[:, 0]
         ends = times - span / 2, times + span / 2
-        known = (ends[0] >= t[0]) & (ends[1] <= t[-1])
-        for end in ends:
-            after = np.clip(np.searchsorted(t, end), 1, len(t) - 1)
-            known &= t[after] - t[after - 1] < LATENCY.longest_gap
-        early, late = (np.array([np.interp(end, t, one) for one in self.rows.T[1:]]) for end in ends)
-        return np.where(known, (late - early) / span, np.nan)
+        turned = np.maximum.accumulate(self.rows[:, 0] + self.rows[:, 3])
+        found = []
+        for t, values in ((turned, self.rows[:, 1]), (self.rows[:, 0], self.rows[:, 2])):
+            known = (ends[0] >= t[0]) & (ends[1] <= t[-1])
+            for end in ends:
+                after = np.clip(np.searchsorted(t, end), 1, len(t) - 1)
+                known &= t[after] - t[after - 1] < LATENCY.longest_gap
+            early, late = (np.interp(end, t, values) for end in ends)
+            found.append(np.where(known, (late - early) / span, np.nan))
+        return np.array(found)
 
 
 class Latencies:
@@ -190,23 +196,24 @@ class Latencies:
             motion.integrate(rows, oldest, [i == self._course, i in (self._course, self._wheels)])
 
     def _rows(self, index: int, times: Array, values: Array) -> Array:
-        """Times of the motion, and rates of turn and of gain of speed, or of a course the angle, and of course and
-        wheels the speed, (n, 3) of the readings of a sensor."""
+        """Times, rates of turn and of gain of speed, or of a course the angle, and of course and wheels the speed, and
+        by how much the turn is later [s], (n, 4) of the readings of a sensor."""
         if index == self._inertial:
             values = self._sensors[index].in_axes_of_car(values)
-            return np.column_stack([times, values[:, 2], values[:, 3]])
+            return np.column_stack([times, values[:, 2], values[:, 3], 0 * times])
         if index == self._wheels:
             speeds, track = self._car["rear_radius"] * values, 2 * self._car["rear_half_track"]
-            return np.column_stack([times, (speeds[:, 3] - speeds[:, 2]) / track, np.median(speeds, axis=1)])
+            turning = (speeds[:, 3] - speeds[:, 2]) / track
+            return np.column_stack([times, turning, np.median(speeds, axis=1), 0 * times])
         if index == self._course:
             speed = np.hypot(values[:, 0], values[:, 1])
             later = self._ahead / np.maximum(speed, LATENCY.slowest) - self._rear_slip() * speed
             course = np.where(speed > LATENCY.slowest, np.arctan2(values[:, 1], values[:, 0]), np.nan)
-            return np.column_stack([times + later, course, speed])
+            return np.column_stack([times, course, speed, later])
         speed = self._speed_at(times)
         gain, delay = self._single_track(np.maximum(speed, LATENCY.slowest))
         turning = np.where(speed > LATENCY.slowest, gain * values[:, 0], np.nan)
-        return np.column_stack([times + delay, turning, 0 * times])
+        return np.column_stack([times, turning, 0 * times, delay])
 
     def _rear_slip(self) -> float:
         """Slip angle of the rear axle per lateral acceleration [rad s²/m]."""
@@ -216,7 +223,7 @@ class Latencies:
     def _speed_at(self, times: Array) -> Array:
         """Speed of the car at times [s], by wheels or GNSS; NaN where neither is heard."""
         for i in (self._wheels, self._course):
-            rows = self._motions[i].rows if i in self._motions else np.zeros((0, 3))
+            rows = self._motions[i].rows if i in self._motions else np.zeros((0, 4))
             if len(rows) > 1:
                 return np.asarray(np.abs(np.interp(times, rows[:, 0], rows[:, 2])))
         return np.full(len(times), np.nan)
@@ -304,7 +311,7 @@ class Latencies:
                     more = self._unmodelled((one, other), motion, speed)
                     lags.append(Late(late.seconds, hypot(late.deviation, more)))
             if lags:
-                found[one, other] = min(lags, key=lambda late: late.deviation)
+                found[one, other] = _agreed(lags)
         return found
 
     def _usual_speed(self, times: Array) -> float:
@@ -341,6 +348,15 @@ class Latencies:
             else:
                 del self.late[i]
         return changed
+
+
+def _agreed(lags: list[Late]) -> Late:
+    """The more certain of the lags by turn and by gain of speed. Where they contradict each other, one of them is none
+    of time, as of an antenna that sits elsewhere, and neither is more certain than they are apart."""
+    best = min(lags, key=lambda late: late.deviation)
+    apart = abs(lags[0].seconds - lags[-1].seconds)
+    contradict = apart > hypot(lags[0].deviation, lags[-1].deviation)
+    return Late(best.seconds, apart) if contradict else best
 
 
 def _that_show_lags(rates: Array) -> list[Array | None]:
