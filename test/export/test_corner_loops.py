@@ -82,7 +82,7 @@ def test_the_equations_of_a_corner_stand_in_the_export_once() -> None:
 
 @needs_compiler
 def test_products_of_few_rows_and_of_nothing_are_those_of_casadi(tmp_path: Path) -> None:
-    """Of one row and of three, begun with zeros and with numbers; and a matrix of zeros that another function gets."""
+    """Products of one row and of three, begun with zeros and with numbers; and zeros that another function gets."""
     a, b, c = ca.MX.sym("a", 1, 5), ca.MX.sym("b", 5, 3), ca.MX.sym("c", 3, 3)
     x, y = ca.SX.sym("x", 1, 3), ca.SX.sym("y", 1, 3)
     around = ca.Function("around", [x, y], [2 * x + y, ca.SX(0, 1)])

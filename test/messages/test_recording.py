@@ -71,7 +71,7 @@ def test_an_attitude_that_an_inertial_sensor_says_it_has_not_is_no_signal() -> N
 
 
 def test_of_two_messages_with_one_stamp_each_signal_is_taken_from_the_last_that_has_it() -> None:
-    """Of a car whose rates and accelerations are in two frames of its bus, which are sent together."""
+    """A recording of a car whose rates and accelerations are in two frames of its bus, sent together."""
     stamp = np.array([1, 1, 2, 2])
     turns, pushes = np.array([0.5, 0, 0.6, 0])[:, None] * np.ones(3), np.array([0, 3.0, 0, 4.0])[:, None] * np.ones(3)
     known, absent = np.eye(1, 9), -np.eye(1, 9)

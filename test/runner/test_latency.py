@@ -37,9 +37,9 @@ def turning(times: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     return np.asarray(rate), np.asarray(heading)
 
 
-def driven(late: dict[str, float], seconds: float = 30.0) -> Latencies:
-    """What is found on that road, without side slip, where some sensors are late [s]: gyro and wheels at 100 Hz, the
-    course of an antenna above the rear axle at 10 Hz, all with noise."""
+def driven(late: dict[str, float], seconds: float = 30.0, wheels_until: float = np.inf) -> Latencies:
+    """What is found on that road, without side slip, where some sensors are late [s]: gyro and wheels at 100 Hz, these
+    until they fall silent [s], the course of an antenna above the rear axle at 10 Hz, all with noise."""
     vehicle = car()
     sensors = vehicle.sensing()
     antenna = sensors["velocity"].model_copy(update={"position": (-car_numbers(vehicle)["to_rear"], 0.0, 1.0)})
@@ -60,7 +60,9 @@ def driven(late: dict[str, float], seconds: float = 30.0) -> Latencies:
         rate, _ = turning(np.array(made("wheel_speeds")))
         outward = numbers["rear_half_track"] * rate
         wheels = (SPEED + np.array([-outward, outward, -outward, outward])) / numbers["rear_radius"]
-        readings = [("imu", imu), ("wheel_speeds", wheels + 0.02 * rng.standard_normal(4))]
+        readings = [("imu", imu)]
+        if k / 100 < wheels_until:
+            readings.append(("wheel_speeds", wheels + 0.02 * rng.standard_normal(4)))
         if k % 10 == 0:
             rate, heading = turning(np.array(made("velocity")))
             course = heading - slip * SPEED * rate  # the rear axle slips outwards
@@ -81,6 +83,11 @@ def test_the_sensor_that_is_late_is_found_with_its_lag(late: dict[str, float]) -
     for i, found in latencies.found.items():
         true = late.get(names[i], 0.0)
         assert abs(found.seconds - true) < min(0.03, 3 * found.deviation)
+
+
+def test_lags_of_the_others_are_found_after_a_sensor_fell_silent() -> None:
+    latencies, names = driven({"velocity": 0.5}, seconds=45.0, wheels_until=3.0), list(car().sensing())
+    assert set(latencies.late) == {names.index("velocity")}
 
 
 @pytest.mark.parametrize("sits", [1.7, -1.3])
@@ -143,7 +150,7 @@ def test_an_inertial_sensor_that_is_late_is_said_and_used_at_its_time(lane_chang
     assert np.abs(errors).max() < 0.3
 
 
-def test_readings_that_nobody_looks_at_are_not_kept_for_ever():
+def test_readings_that_nobody_looks_at_are_not_kept_for_ever() -> None:
     vehicle = car()
     latencies = Latencies(vehicle, vehicle.sensing())
     value, variance = np.zeros(6), np.ones(6)

@@ -91,7 +91,7 @@ def correction_requests(n: int, size: int, columns: int, learns: bool, lanes: La
 
 
 def requests(vehicle: Vehicle, lanes: Lanes) -> Iterator[Request]:
-    """Of a step with every sensor once: the step, each sensor, and the covariance that is read."""
+    """The requests of a step with every sensor once: the step, each sensor, and the covariance that is read."""
     sensors, learns = sensors_of(vehicle), bool(vehicle.observer.parameters)
     n = layout(sensors).size
     yield _together(step_requests(n, lanes))

@@ -38,7 +38,8 @@ def flop_of_filter(vehicle: Vehicle) -> float:
 
 
 def flop_of_covariance(vehicle: Vehicle) -> float:
-    """Of these the operations on the covariance, with whole matrices: its step, and corrections by every sensor."""
+    """Operations on the covariance in a step of the filter, with whole matrices: its step, and corrections by every
+    sensor."""
     sensors = sensors_of(vehicle)
     n, model = layout(sensors).size, 14
     moved = 2 * model * (39 + n) * n  # rows of the velocities, and of the coordinates that follow them

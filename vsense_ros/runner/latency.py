@@ -47,6 +47,7 @@ class LatencySettings:
     step: float = 0.04  # [s] between the values that are compared
     span: float = 0.4  # [s] of their means, or two periods of the slower of both sensors
     longest_gap: float = 1.3  # [s] between two readings
+    silence: float = 4.0  # [s] after which a sensor is compared no more, above `longest` and a gap
     slowest: float = 3.0  # [m/s] below which neither course nor steering says how a car turns
     least_compared: float = 5.0  # [s] in which both are there
     independent: float = 0.5  # [s] from one independent value to the next
@@ -57,13 +58,13 @@ class LatencySettings:
     apart: float = 0.4  # [s]
     form: float = 0.02  # [-] of a motion, that a sensor gets wrong in a way that looks like a lag
     # [s] standard deviations of what these formulae leave out: suspension, tyres, compliance, pitch.
-    of_turning: float = 0.01
-    of_pushing: float = 0.02
-    of_pitching: float = 0.05
-    of_wheels: float = 0.02
-    of_course: float = 0.02
-    antenna: float = 0.7  # [m] standard deviation of its place along the car, which shifts its course as a lag does
-    of_steering: float = 0.05
+    turning_error: float = 0.01
+    acceleration_error: float = 0.02
+    pitch_error: float = 0.05
+    wheel_error: float = 0.02
+    course_error: float = 0.02
+    antenna_place: float = 0.7  # [m] along the car: an antenna elsewhere shifts its course as a lag does
+    steering_error: float = 0.05
     significant: float = 3.0  # [-] standard deviations of a lag that is used
     least_used: float = 0.04  # [s]
     agreeing: float = 0.1  # [s] within which two sensors are equally late
@@ -287,7 +288,8 @@ class Latencies:
 
     def _pairs(self, now: int) -> dict[tuple[int, int], Late]:
         """By how much the first of two sensors is later than the other, where the drive shows it."""
-        there = [i for i, motion in self._motions.items() if len(motion.rows) > 2]
+        since = (now - self._begun) * 1e-9 - LATENCY.silence
+        there = [i for i, motion in self._motions.items() if len(motion.rows) > 2 and motion.rows[-1, 0] > since]
         end = min(((self._motions[i].rows[-1, 0]) for i in there), default=0.0)
         begin = max(end - LATENCY.window, 0.0)
         times = np.arange(begin, end + LATENCY.longest, LATENCY.step)
@@ -325,11 +327,11 @@ class Latencies:
         speed [m/s]."""
         s = LATENCY
         if motion == 1:
-            return s.of_pushing + s.of_pitching * (self._inertial in pair)
-        more = s.of_wheels * (self._wheels in pair) + s.of_steering * (self._steering in pair)
+            return s.acceleration_error + s.pitch_error * (self._inertial in pair)
+        more = s.wheel_error * (self._wheels in pair) + s.steering_error * (self._steering in pair)
         if self._course in pair:
-            more += s.of_course + s.antenna / speed
-        return s.of_turning + more
+            more += s.course_error + s.antenna_place / speed
+        return s.turning_error + more
 
     def _decide(self) -> bool:
         """Note the lags that are certain in two estimates; True if that changes anything."""

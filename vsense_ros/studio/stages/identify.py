@@ -77,7 +77,7 @@ def _show(bench: Workbench, job: Job) -> None:
                     kit.number(before, 4),
                     kit.number(after, 4),
                     kit.number(deviation, 2),
-                    one["unit"].replace("-", ""),
+                    one["unit"].removeprefix("-"),
                     change,
                     _interval(before, after, deviation),
                     kit.tag(*kind),
@@ -136,7 +136,7 @@ def _convergence(result: dict[str, Any]) -> None:
             for k, v in enumerate(values)
         )
         name = one["name"].replace("_", " ")
-        limits = f"{kit.number(values[0], 3)} → {kit.number(values[-1], 3)} {one['unit'].replace('-', '')}"
+        limits = f"{kit.number(values[0], 3)} → {kit.number(values[-1], 3)} {one['unit'].removeprefix('-')}"
         cells.append(
             f'<figure><svg viewBox="0 0 120 38" role="img" '
             f'aria-label="{name} from {limits}">'
