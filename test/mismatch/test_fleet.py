@@ -52,7 +52,7 @@ def folder_of(root: Path, name: str, *recordings: str, vehicle: bool = True) -> 
 
 def result_of(member: fleet.Member, found: Answer, key: str = "", **reasons: str) -> Result:
     uses = [RecordingUse(name=n, role=role, reason=reasons.get(n, "")) for n, role, _ in member.recordings]
-    return Result(key=key, vehicle=member.name, recordings=uses, found=found)
+    return Result(key=key, vehicle=member.name, recordings=uses, outcome=found)
 
 
 def test_each_folder_is_a_vehicle_with_its_recordings_and_those_it_is_proven_on(tmp_path):
@@ -126,8 +126,8 @@ def test_a_vehicle_whose_results_cannot_be_written_is_a_row_with_its_reason_and_
         fleet, "explain_recordings", lambda *_, **__: searched.append(1) or Explanation(finding("no_mismatch"))
     )
     (result,) = fleet.explain_fleet([car], tmp_path / "out", client)
-    assert result.found.verdict == "failed"
-    assert "out/car: expected a folder that results can be written to" in result.found.sentence
+    assert result.outcome.verdict == "failed"
+    assert "out/car: expected a folder that results can be written to" in result.outcome.sentence
     assert not searched
 
 
@@ -142,8 +142,8 @@ def test_what_fails_and_cannot_be_written_down_is_done_once(tmp_path, client):
         raise OSError("no space left")
 
     (result,) = fleet.explain_fleet(fleet.members(tmp_path), tmp_path / "out", client, work)
-    assert result.found.verdict == "failed"
-    assert result.found.sentence == "OSError: no space left"
+    assert result.outcome.verdict == "failed"
+    assert result.outcome.sentence == "OSError: no space left"
     assert (tmp_path / "done").read_text(encoding="utf-8") == "once\n"
 
 
@@ -161,8 +161,8 @@ def test_what_happens_with_one_vehicle_does_not_stop_the_others_and_results_keep
     shares: list[float] = []
     results = fleet.explain_fleet(members, tmp_path / "out", client, work, shares.append)
     assert [result.vehicle for result in results] == ["a", "b", "c"]
-    assert [result.found.verdict for result in results] == ["no_mismatch", "failed", "no_mismatch"]
-    assert "ZeroDivisionError: by chance" in results[1].found.sentence
+    assert [result.outcome.verdict for result in results] == ["no_mismatch", "failed", "no_mismatch"]
+    assert "ZeroDivisionError: by chance" in results[1].outcome.sentence
     assert "ZeroDivisionError" in (tmp_path / "out" / "b" / "fault.txt").read_text(encoding="utf-8")
     assert shares == sorted(shares)
     assert shares[-1] == pytest.approx(1.0)
@@ -182,9 +182,9 @@ def test_a_process_that_dies_costs_its_own_vehicle_alone(tmp_path):
 
     with fleet.workers(None, 1) as client:
         dead, alive = fleet.explain_fleet(members, tmp_path / "out", client, work)
-    assert dead.found.verdict == "failed"
-    assert "died" in dead.found.sentence
-    assert alive.found.sentence == "threads: 1"
+    assert dead.outcome.verdict == "failed"
+    assert "died" in dead.outcome.sentence
+    assert alive.outcome.sentence == "threads: 1"
 
 
 def test_an_absent_scheduler_is_one_message():
@@ -197,16 +197,16 @@ def test_a_vehicle_without_a_file_and_one_with_a_bad_file_are_not_assessable(tmp
     (tmp_path / "bad" / "vehicle.yaml").write_text("name: [", encoding="utf-8")
     folder_of(tmp_path, "none", "a.mcap", vehicle=False)
     bad, none = (fleet.explain_member(member, tmp_path / "out" / member.name) for member in fleet.members(tmp_path))
-    assert bad.found.verdict == none.found.verdict == "not_assessable"
-    assert "not valid YAML" in bad.found.sentence
-    assert "no vehicle.yaml" in none.found.sentence
+    assert bad.outcome.verdict == none.outcome.verdict == "not_assessable"
+    assert "not valid YAML" in bad.outcome.sentence
+    assert "no vehicle.yaml" in none.outcome.sentence
 
 
 def test_an_unreadable_recording_is_a_row_with_its_reason(tmp_path):
     folder_of(tmp_path, "car", "broken.mcap")
     (member,) = fleet.members(tmp_path)
     result = fleet.explain_member(member, tmp_path / "out" / "car")
-    assert result.found.verdict == "not_assessable"
+    assert result.outcome.verdict == "not_assessable"
     vehicle, recording = fleet_report.rows([result])
     assert vehicle["recording"] is None
     assert recording["recording"] == "broken.mcap"
@@ -250,7 +250,7 @@ def test_a_result_is_not_taken_together_with_the_report_of_other_recordings(tmp_
     with pytest.raises(KeyboardInterrupt):
         fleet.explain_member(member, out)
     (folder / "lap").write_bytes(b"not a bag")
-    assert fleet.explain_member(member, out).found.verdict == "no_mismatch"
+    assert fleet.explain_member(member, out).outcome.verdict == "no_mismatch"
     assert json.loads((out / "explain.json").read_text(encoding="utf-8"))["verdict"] == "no_mismatch"
 
 
@@ -290,7 +290,7 @@ def test_a_recording_that_spoils_what_the_others_say_is_left_out_with_its_reason
     monkeypatch.setattr(fleet, "import_recording", lambda path: Recording({}, path.name))
     monkeypatch.setattr(fleet, "explain_recordings", explain)
     result = fleet.explain_member(member, tmp_path / "out")
-    assert result.found.verdict == "no_mismatch"
+    assert result.outcome.verdict == "no_mismatch"
     reasons = {use.name: use.reason for use in result.recordings}
     assert "spins" in reasons.pop("lap_2")
     assert set(reasons) == {"lap", "held_out/lap"}
@@ -408,7 +408,7 @@ def test_a_fleet_with_a_dragging_brake_and_a_bad_bag_is_explained_and_then_known
         results = fleet.explain_fleet(members, tmp_path / "out", client)
         again = fleet.explain_fleet(members, tmp_path / "out", client)
     assert again == results
-    found, sound = (result.found for result in results)
+    found, sound = (result.outcome for result in results)
     assert (found.verdict, sound.verdict) == ("named", "no_mismatch")
     (effect,) = found.in_answer
     assert (effect.id, effect.wheel) == ("brake_drag", "fl")

@@ -85,7 +85,7 @@ class Made:
     def worst(self, residuals: object = None) -> float:
         return 1.0
 
-    def something_left_over(self) -> bool:
+    def something_unexplained(self) -> bool:
         return False
 
 
@@ -587,7 +587,7 @@ def test_a_place_that_explains_as_much_as_the_best_one_is_told_beside_it():
 
 
 def test_where_the_fitted_car_gets_lost_on_its_own_recordings_something_is_left_over():
-    lost = type("Lost", (Made,), {"something_left_over": lambda self: True})()
+    lost = type("Lost", (Made,), {"something_unexplained": lambda self: True})()
     found = explaining("wind", 0.01, 0.01)
     assert judge((found,), (), lost).verdict == "unknown"
     assert judge((found,), (), Made()).verdict == "no_mismatch"
@@ -614,7 +614,7 @@ def test_a_signal_further_off_than_any_of_a_car_with_nothing_hidden_says_that_so
     dataset = SimpleNamespace(dropped=())
     fitted = SimpleNamespace(predictor=SimpleNamespace(dataset=dataset))
     validation = SimpleNamespace(worst=worst, fitted=fitted, thresholds=THRESHOLDS)
-    assert Validation.something_left_over(validation) == left_over
+    assert Validation.something_unexplained(validation) == left_over
 
 
 @pytest.mark.parametrize(("mended", "verdict"), [(True, "named"), (False, "no_mismatch")])

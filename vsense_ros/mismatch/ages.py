@@ -63,10 +63,10 @@ FIELDS = DELAY.delays
 def ages(dataset: Dataset, vehicle: Vehicle) -> dict[str, float]:
     """By size of the effect that sensors are late, how much older one is than its stamps say beyond what the vehicle
     file knows [s]: those that all recordings agree in, of which no more is known than a tenth of a second."""
-    found = [_late(_lags(windows, dataset.sensors, vehicle)) for windows in dataset.by_recording()]
+    latencies = [_late(_lags(windows, dataset.sensors, vehicle)) for windows in dataset.by_recording()]
     result = {}
     for source, field in FIELDS.items():
-        lags = [one[source] for one in found if source in one]
+        lags = [one[source] for one in latencies if source in one]
         if lags and abs(np.median(lags)) >= LAG_SEARCH.least_rigid_lag and np.ptp(lags) < LAG_SEARCH.agreement:
             result[field] = round(float(np.median(lags)), 2)
     groups = [FIELDS[group] for group in GROUPS]
@@ -99,27 +99,27 @@ def _lags(windows: Sequence[Window], sensors: Mapping[str, SensorBase], vehicle:
     ):
         moving = {source: v for source, v in signals.items() if np.nanstd(v, ddof=0) > least}
         for one, other in combinations(moving, 2):
-            found = match(moving[one], moving[other], LAG_SEARCH.step, LONG_LAGS)
-            if found is None or abs(found.best) < LAG_SEARCH.least_correlation:
+            matched = match(moving[one], moving[other], LAG_SEARCH.step, LONG_LAGS)
+            if matched is None or abs(matched.best) < LAG_SEARCH.least_correlation:
                 continue
-            if one == GROUPS[0] and other == course and _late_rigidly(found, led):
-                lags.setdefault((one, other), found.lag)
-            elif abs(found.lag) < LAG_SEARCH.least_lag:
+            if one == GROUPS[0] and other == course and _late_rigidly(matched, led):
+                lags.setdefault((one, other), matched.lag)
+            elif abs(matched.lag) < LAG_SEARCH.least_lag:
                 lags.setdefault((one, other), 0.0)
             elif (
-                found.clear > LAG_SEARCH.clearance
-                and abs(found.correlation) < abs(found.best) - LAG_SEARCH.correlation_gain
+                matched.clear > LAG_SEARCH.clearance
+                and abs(matched.correlation) < abs(matched.best) - LAG_SEARCH.correlation_gain
             ):
-                lags.setdefault((one, other), found.lag)
+                lags.setdefault((one, other), matched.lag)
     return lags
 
 
-def _late_rigidly(found: Match, led: float) -> bool:
+def _late_rigidly(matched: Match, led: float) -> bool:
     """True if a gyro is behind the course by more than the time [s] by which this may lead."""
     return (
-        found.lag > LAG_SEARCH.least_rigid_lag + led
-        and found.explained > LAG_SEARCH.least_explained
-        and found.clear > LAG_SEARCH.rigid_clearance
+        matched.lag > LAG_SEARCH.least_rigid_lag + led
+        and matched.explained > LAG_SEARCH.least_explained
+        and matched.clear > LAG_SEARCH.rigid_clearance
     )
 
 

@@ -201,26 +201,26 @@ def _interval(hypothesis: Hypothesis, parameter: FreeParameter) -> tuple[float, 
 
 def _point(dataset: Dataset, abscissa: float) -> dict[str, float]:
     """Where a place of the road is [m] along its stretch, and on the map, if that is known."""
-    found = {
+    position = {
         "stretch": abscissa // ROAD_SETTINGS.stretch,
         "distance": abscissa % ROAD_SETTINGS.stretch - ROAD_SETTINGS.stretch / 2,
     }
     if (at := dataset.road.place(abscissa)) is not None:
         latitude, longitude = dataset.on_map.latitude_longitude(*at[:2])
-        found |= {"latitude": latitude, "longitude": longitude, "direction": at[2]}
-    return found
+        position |= {"latitude": latitude, "longitude": longitude, "direction": at[2]}
+    return position
 
 
-def since(found: onsets.Onset | None) -> Onset | None:
+def since(onset: onsets.Onset | None) -> Onset | None:
     """What begins within recordings, if that is known."""
-    if found is None:
+    if onset is None:
         return None
-    (parameter,) = found.candidate.free_parameters
+    (parameter,) = onset.candidate.free_parameters
     return Onset(
-        looks_like=found.candidate.effect, sentence=found.candidate.sentence, where=found.candidate.where,
-        value=found.size, unit=parameter.unit, gain=found.gain, gain_always=found.always,
+        looks_like=onset.candidate.effect, sentence=onset.candidate.sentence, where=onset.candidate.where,
+        value=onset.size, unit=parameter.unit, gain=onset.gain, gain_always=onset.always,
         begins=tuple(
-            Begin(recording=one.recording, at=one.at, interval_90=(one.earliest, one.latest)) for one in found.begins
+            Begin(recording=one.recording, at=one.at, interval_90=(one.earliest, one.latest)) for one in onset.begins
         ),
     )  # fmt: skip
 
@@ -244,8 +244,8 @@ def errors(residuals: Residuals, base: Fit, shown: Fit, validation: Validation) 
     if validation.residuals is not None:
         held_out = _before_and_after(validation.residuals, *validation.held_out(shown))
     return {
-        name: SignalErrors(unit=units[name], training=found, held_out=held_out.get(name))
-        for name, found in training.items()
+        name: SignalErrors(unit=units[name], training=of_training, held_out=held_out.get(name))
+        for name, of_training in training.items()
     }
 
 

@@ -442,8 +442,8 @@ def parsed(content: Any, source: str) -> Answer:
         raise InputError(f"{source}: not what vsense explain writes: it has no verdict")
     version = content.get("version")
     if version != VERSION:
-        found = "of an earlier version, without a number" if version is None else f"of version {version}"
-        raise InputError(f"{source}: {found}; expected version {VERSION}: {AGAIN}")
+        version_in_words = "of an earlier version, without a number" if version is None else f"of version {version}"
+        raise InputError(f"{source}: {version_in_words}; expected version {VERSION}: {AGAIN}")
     try:
         return Answer.model_validate(content)
     except ValidationError as error:

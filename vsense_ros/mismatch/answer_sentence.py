@@ -26,7 +26,7 @@ def sentence(answer: Answer) -> str:
             f"Model and recordings agree once mass, tyres and the like are fitted: there is nothing{more} to find here."
         )
     if answer.verdict == "unknown":
-        return f"Something is left over that no effect of the library explains{_left_over(answer)}.{_began(answer)}"
+        return f"Something is left over that no effect of the library explains{_unexplained(answer)}.{_began(answer)}"
     if answer.verdict == "ambiguous":
         return _in_doubt(answer)
     accepted = answer.accepted
@@ -84,7 +84,7 @@ def _rest_in_words(rest: Remainder) -> str:
     return "" if rest.region is None else f": {rest.region.description}"
 
 
-def _left_over(answer: Answer) -> str:
+def _unexplained(answer: Answer) -> str:
     """What is known of unknown physics, as the end of a sentence."""
     if force := answer.located.force:
         return f". It is described by {force.description}, with which {_falls(force, answer)}"
@@ -104,14 +104,14 @@ def _in_doubt(answer: Answer) -> str:
     return f"The model leaves out {' and '.join(BY_ID[id].sentence for id in shared)}; what besides, {doubt}"
 
 
-def _falls(found: EffectEntry | Force, answer: Answer) -> str:
+def _falls(term: EffectEntry | Force, answer: Answer) -> str:
     """By how much the error falls with what was found, and where that is proven."""
-    trained, proven, on = found.gain_training, found.gain_held_out, "on recordings it was not fitted to"
+    trained, proven, on = term.gain_training, term.gain_held_out, "on recordings it was not fitted to"
     if answer.by_pieces:
         on = "on another road, where neighbouring pieces predict each other"
     if proven is None or not round(100 * proven):
         untouched = "" if proven is None else "; recordings it was not fitted to have no trace of it"
-        proven, on = found.gain_left_out, f"where it was left out of the fit{untouched}"
+        proven, on = term.gain_left_out, f"where it was left out of the fit{untouched}"
     ways = ["grows" if gain < 0 else "falls" for gain in (trained, proven)]
     again = "" if ways[0] == ways[1] else f"{ways[1]} "
     return f"the squared error {ways[0]} by {100 * abs(trained):.0f} %, and {again}by {100 * abs(proven):.0f} % {on}"

@@ -161,17 +161,19 @@ def out_of_reach(kinds: Collection[str]) -> dict[str, str]:
 def terms(values: Values) -> tuple[Candidate, ...]:
     """Forces that stand for no known physics, beyond the `values` that a car has already: each alone, and lateral
     forces together with their yaw moments."""
-    found = []
+    offered = []
     for effect in EVERY.keys() - BY_ID.keys():
         free_parameters = {field: _size(effect, field, values) for field in EVERY[effect].model_fields}
         words = {field: str(info.description) for field, info in EVERY[effect].model_fields.items()}
-        found += [Candidate(effect, field, (parameter,), words[field]) for field, parameter in free_parameters.items()]
+        offered += [
+            Candidate(effect, field, (parameter,), words[field]) for field, parameter in free_parameters.items()
+        ]
         for field, parameter in free_parameters.items():
             if (moment := field.replace("lateral_force", "yaw_moment")) != field and moment in free_parameters:
-                found.append(
+                offered.append(
                     Candidate(effect, f"{field} and {moment}", (parameter, free_parameters[moment]), words[field])
                 )
-    return tuple(found)
+    return tuple(offered)
 
 
 def size_of(effect: str) -> str:
@@ -201,20 +203,20 @@ def _among(names: Sequence[str], name: str) -> Change:
 def candidates(abscissae: Sequence[float] = (), values: Values = MappingProxyType({})) -> tuple[Candidate, ...]:
     """Each size of each known effect by itself, the sizes of an effect that has no more than two together, and, for
     effects of the road, a profile with points at these abscissae [m]; beyond the `values` that a car has already."""
-    found = []
+    every = []
     for effect, kind in BY_ID.items():
         sizes = [name for name, field in kind.model_fields.items() if role(field) == "size"]
         if len(sizes) > 1:
-            found += [Candidate(effect, name, (_size(effect, name, values),), kind.sentence) for name in sizes]
+            every += [Candidate(effect, name, (_size(effect, name, values),), kind.sentence) for name in sizes]
         if len(sizes) <= 2:
             where = "" if len(sizes) == 1 else " and ".join(sizes)
-            found.append(Candidate(effect, where, tuple(_size(effect, name, values) for name in sizes), kind.sentence))
+            every.append(Candidate(effect, where, tuple(_size(effect, name, values) for name in sizes), kind.sentence))
         for form in ("", *kind.variants):
             free_parameters = tuple(_size(effect, name, values, form) for name in sizes)
             if form:
-                found.append(Candidate(effect, form, free_parameters, kind.sentence))
+                every.append(Candidate(effect, form, free_parameters, kind.sentence))
             if abscissae and issubclass(kind, RoadEffect):
                 points = (point for parameter in free_parameters for point in at_places(parameter, abscissae))
                 where = f"{form}, {ALONG_ROAD}".strip(", ")
-                found.append(Candidate(effect, where, (*free_parameters, *points), kind.sentence))
-    return tuple(found)
+                every.append(Candidate(effect, where, (*free_parameters, *points), kind.sentence))
+    return tuple(every)

@@ -119,8 +119,8 @@ def faults_of(recording: Recording, vehicle: Vehicle) -> list[Finding]:
     mounted = {s.topic for s in sensors.values() if recording_turned(recording, s)}
     topics = {s.topic for s in sensors.values() if s.is_compared} - mounted
     radius = float(np.mean(rolling_radii(vehicle)))
-    found = mends(_as_mounted(recording, sensors), topics_of(sensors.values()), radius)
-    return [finding for finding in found if finding.topic in topics]
+    findings = mends(_as_mounted(recording, sensors), topics_of(sensors.values()), radius)
+    return [finding for finding in findings if finding.topic in topics]
 
 
 def recording_turned(recording: Recording, sensor: SensorBase) -> bool:
@@ -178,10 +178,10 @@ def _of_several_fits(base: Fit, residuals: Residuals) -> Iterator[str]:
         own.append(base.scaled_offsets + solve(slopes, left, base.scaled_offsets, prior_weight(left)))
     for name in CONSTANT:
         at = [parameter.name for parameter in base.free_parameters].index(name)
-        found = [change[at] for change in own]
-        if np.std(found) > SETTINGS.constant_apart:
-            low, high = int(np.argmin(found)), int(np.argmax(found))
-            apart = 100 * (found[high] - found[low]) * base.free_parameters[at].deviation
+        estimates = [change[at] for change in own]
+        if np.std(estimates) > SETTINGS.constant_apart:
+            low, high = int(np.argmin(estimates)), int(np.argmax(estimates))
+            apart = 100 * (estimates[high] - estimates[low]) * base.free_parameters[at].deviation
             yield (
                 f"the {name} of the car in {drives[high][0].name} is {apart:.0f} % more than in {drives[low][0].name}, "
                 "and no parameters fit both; are they recordings of one car?"
@@ -194,7 +194,7 @@ def _too_little(dataset: Dataset, drives: Sequence[Drive]) -> Iterator[str]:
         return
     if dataset.driven < SETTINGS.least:
         yield f"only {dataset.driven:.1f} s of driving can be used, {SETTINGS.least:g} s are needed"
-    lateral, longitudinal = (max(found) for found in zip(*(drive.strongest for drive in drives), strict=True))
+    lateral, longitudinal = (max(felt) for felt in zip(*(drive.strongest for drive in drives), strict=True))
     if lateral < SETTINGS.gentle and longitudinal < SETTINGS.gentle:
         yield (
             f"the car does nothing but go straight ahead at constant speed (at most {lateral:.2f} m/s² lateral and "
@@ -320,11 +320,11 @@ class Drive:
     @property
     def strongest(self) -> tuple[float, float]:
         """Lateral and longitudinal acceleration that are exceeded in a twentieth of the time [m/s²]."""
-        found = []
+        percentiles = []
         for acceleration in (self.turning, self.speed_rate):
             present = np.abs(acceleration[np.isfinite(acceleration)])
-            found.append(float(np.percentile(present, 95)) if len(present) else 0.0)
-        return found[0], found[1]
+            percentiles.append(float(np.percentile(present, 95)) if len(present) else 0.0)
+        return percentiles[0], percentiles[1]
 
 
 def _unrelated(drive: Drive, name: str, sensors: Mapping[str, SensorBase]) -> Iterator[Hindrance]:
@@ -442,8 +442,8 @@ def _speed(t: Array, window: Window, sensors: Mapping[str, SensorBase], what: Me
     name = best_measuring(((name, sensors[name]) for name in window.readings), what)
     if name is None:
         return np.full(len(t), np.nan)
-    found = window.readings[name]
-    return _mean(t, found.t, sensors[name].mean_speed(found.value, radius))
+    readings = window.readings[name]
+    return _mean(t, readings.t, sensors[name].mean_speed(readings.value, radius))
 
 
 def _mean(at: Array, t: Array, value: Array) -> Array:

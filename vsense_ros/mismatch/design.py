@@ -172,12 +172,12 @@ def separations(
     own = {name for rival in rivals for name in rival.sizes}
     common = tuple(parameter for parameter in fitted if parameter.name not in own)
     offsets = np.array([base.get(parameter.name, 0.0) for parameter in common])
-    found = []
+    tested = []
     for i, test in enumerate(choice):
         with suppress(DivergedError, FloatingPointError):
-            found.append(_separation(vehicle, rivals, common, offsets, free_parameters, test))
+            tested.append(_separation(vehicle, rivals, common, offsets, free_parameters, test))
         progress((i + 1) / len(choice))
-    return sorted((one for one in found if one is not None), key=lambda one: one.distance, reverse=True)
+    return sorted((one for one in tested if one is not None), key=lambda one: one.distance, reverse=True)
 
 
 def _as_recorded(vehicle: Vehicle, base: Mapping[str, float]) -> tuple[Vehicle, tuple[FreeParameter, ...]]:
@@ -202,50 +202,50 @@ def designed(
     """How well each test tells apart what the ambiguous answer in a folder leaves open, the best first; it is written
     into the folder, too. Raises `InputError` where there is no such answer."""
     rivals, base = left_open(read_answer(report), vehicle)
-    found = separations(vehicle, rivals, base, progress=progress)
-    written(found, rivals, report)
-    return found
+    separated = separations(vehicle, rivals, base, progress=progress)
+    written(separated, rivals, report)
+    return separated
 
 
-def written(found: Sequence[Separation], rivals: Sequence[Rival], report: Path) -> Answer:
+def written(separated: Sequence[Separation], rivals: Sequence[Rival], report: Path) -> Answer:
     """Write next.json into the folder of an answer, and the best test as `would_separate` into its explain.json and
     onto its page; the answer with it."""
     content = {
         "rivals": [{"name": rival.name, "sizes": dict(rival.sizes)} for rival in rivals],
         "telling": DESIGN.decisive,
-        "tests": [one.next_test.as_json() for one in found],
+        "tests": [one.next_test.as_json() for one in separated],
     }
     with atomic_write(report / NEXT) as file:
         file.write(json.dumps(content, indent=1, allow_nan=False) + "\n")
-    answer = _with_next_test(read_answer(report), found)
+    answer = _with_next_test(read_answer(report), separated)
     answer.write(report)
     write_next_test(answer, report / PAGE)
     return answer
 
 
-def _with_next_test(answer: Answer, found: Sequence[Separation]) -> Answer:
+def _with_next_test(answer: Answer, separated: Sequence[Separation]) -> Answer:
     """The answer with the best test, if it tells the rivals apart."""
-    best = found[0].next_test if found and found[0].distance >= DESIGN.decisive else None
+    best = separated[0].next_test if separated and separated[0].distance >= DESIGN.decisive else None
     effects = tuple(effect.with_(would_separate=best) if effect.answer_set else effect for effect in answer.effects)
     return answer.with_(would_separate=best, effects=effects)
 
 
-def printed(found: Sequence[Separation], console: Console) -> None:
+def printed(separated: Sequence[Separation], console: Console) -> None:
     """Print how well each test tells the rivals apart, and which to drive."""
     table = Table(box=None, pad_edge=False, header_style="bold", padding=(0, 1))
-    several = len({name for one in found for name in one.pair}) > 2
+    several = len({name for one in separated for name in one.pair}) > 2
     for name in ("next test", "signal that shows it", "d′", "information", *(["least apart"] if several else [])):
         table.add_column(name, justify="right" if name in ("d′", "information") else "left")
-    for one in found:
+    for one in separated:
         information = f"{one.information:.3g} nat"
         cells = [one.test.title, label(one.signal), f"{one.distance:.1f}", information]
         cells += [" and ".join(one.pair)] if several else []
         table.add_row(*(Text(cell) for cell in cells))
     console.print(table)
-    if not found or found[0].distance < DESIGN.decisive:
+    if not separated or separated[0].distance < DESIGN.decisive:
         console.print(f"None of these tests would tell them apart: d′ stays below {DESIGN.decisive:g}.", soft_wrap=True)
     else:
-        best = found[0]
+        best = separated[0]
         said = f"Drive: {best.test.title} ({best.test.manoeuvre.source}); watch the {label(best.signal)}."
         console.print(Text(said, style="bold"), soft_wrap=True)
 
@@ -324,8 +324,8 @@ def _steered_truly(dataset: Dataset, motion: Trajectory) -> Dataset:
     windows = []
     for window in dataset.windows:
         true = {
-            name: replace(found, value=np.interp(found.t, motion.t, motion.inputs[:, 0])[:, None])
-            for name, found in window.readings.items()
+            name: replace(readings, value=np.interp(readings.t, motion.t, motion.inputs[:, 0])[:, None])
+            for name, readings in window.readings.items()
             if name in steering
         }
         windows.append(replace(window, readings={**window.readings, **true}))

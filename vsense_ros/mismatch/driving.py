@@ -138,13 +138,13 @@ class Drives:
 
 def _of_the_car(rolling: Array) -> Array:
     """Acceleration [m/s²] of a car that follows its wheels, which roll at these speeds (n,) [m/s], by their slip."""
-    speed, found = rolling[0], np.zeros(len(rolling))
+    speed, slips = rolling[0], np.zeros(len(rolling))
     for i, wheels in enumerate(rolling):
-        found[i] = (wheels - speed) / (
+        slips[i] = (wheels - speed) / (
             PREDICTION.step + max(speed, WINDOWS.slowest) / (PREDICTION.slip_stiffness * GRAVITY)
         )
-        speed += found[i] * PREDICTION.step
-    return found
+        speed += slips[i] * PREDICTION.step
+    return slips
 
 
 def _of_each_wheel(acceleration: Array, driving: float, braking: float) -> Array:

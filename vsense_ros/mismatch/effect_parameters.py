@@ -42,20 +42,20 @@ def effect_of(parameter_set: ParameterSet, id: str, varying: Mapping[str, Array]
 
 def profiles_of(parameter_set: ParameterSet) -> Profiles:
     """What sizes are at places along the road, beyond what they are everywhere."""
-    found: dict[str, dict[float, float]] = {}
+    profiles: dict[str, dict[float, float]] = {}
     for name, value in parameter_set.values.items():
         if (at := place_of(name)) is not None:
-            found.setdefault(at[0], {})[at[1]] = value
-    return found
+            profiles.setdefault(at[0], {})[at[1]] = value
+    return profiles
 
 
 def varying_sizes(values: Mapping[str, float], profiles: Sequence[Profiles], place: Array) -> dict[str, Array]:
     """Sizes that are not constant along places with these abscissae [m], by name, where `values` are what they are
     everywhere and each of the `profiles` adds to that."""
-    found: dict[str, Array] = {}
+    deviations: dict[str, Array] = {}
     for name, points in (pair for one in profiles for pair in one.items()):
-        found[name] = found.get(name, 0.0) + profile(points, place)
-    return {name: np.clip(values[name] + v, *_physical(name)) for name, v in found.items() if v.any()}
+        deviations[name] = deviations.get(name, 0.0) + profile(points, place)
+    return {name: np.clip(values[name] + v, *_physical(name)) for name, v in deviations.items() if v.any()}
 
 
 def change_along_road(name: str, profiles: Sequence[Profiles], place: Array) -> Array:

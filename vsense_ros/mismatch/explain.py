@@ -177,15 +177,16 @@ def explain_recordings(
     try:
         if reason := compared.refused:
             raise NotAssessableError("; ".join((reason, *mending)) if not mend else reason)
-        found = explainer.explanation(most_telling(fitted, LONGEST_FITTED), most_telling(unseen, LONGEST_FITTED))
+        explanation = explainer.explanation(most_telling(fitted, LONGEST_FITTED), most_telling(unseen, LONGEST_FITTED))
     except NotAssessableError as error:
-        found = Explanation(explainer.answer.with_(sentence=_nothing_said(str(error))))
+        explanation = Explanation(explainer.answer.with_(sentence=_nothing_said(str(error))))
     if not compared.refused:
-        beside = conditions(found.answer, compared.known, compared.left_out)
-        found = replace(found, answer=found.answer.with_(sentence=found.answer.sentence + beside))
-    if observe and found.extended is not None:
-        found = _observed(found, compared.recordings, compared.held_out, fitted, vehicle, progress)
-    return replace(found, answer=found.answer.with_(cpu_s=time.process_time() - begun))
+        beside = conditions(explanation.answer, compared.known, compared.left_out)
+        answer = explanation.answer.with_(sentence=explanation.answer.sentence + beside)
+        explanation = replace(explanation, answer=answer)
+    if observe and explanation.extended is not None:
+        explanation = _observed(explanation, compared.recordings, compared.held_out, fitted, vehicle, progress)
+    return replace(explanation, answer=explanation.answer.with_(cpu_s=time.process_time() - begun))
 
 
 def _nothing_said(reason: str) -> str:
@@ -193,17 +194,17 @@ def _nothing_said(reason: str) -> str:
 
 
 def _observed(
-    found: Explanation, recordings: Sequence[Recording], held_out: Sequence[Recording], fitted: Dataset,
+    explanation: Explanation, recordings: Sequence[Recording], held_out: Sequence[Recording], fitted: Dataset,
     vehicle: Vehicle, progress: Callable[[], None],
 ) -> Explanation:  # fmt: skip
     """What was found, with how the observer fares with it, and the noise levels that fit it."""
-    assert found.extended is not None
+    assert explanation.extended is not None
     try:
-        compared, tuned = comparison(recordings, held_out, fitted, vehicle, found.extended, progress)
+        compared, tuned = comparison(recordings, held_out, fitted, vehicle, explanation.extended, progress)
     except (InputError, FloatingPointError) as error:
         remark = f"whether the observer is better with what was found is not known: {error}"
-        return replace(found, answer=found.answer.with_(remarks=(*found.answer.remarks, remark)))
-    return replace(found, answer=found.answer.with_(observer=compared), extended=tuned)
+        return replace(explanation, answer=explanation.answer.with_(remarks=(*explanation.answer.remarks, remark)))
+    return replace(explanation, answer=explanation.answer.with_(observer=compared), extended=tuned)
 
 
 def _names(recordings: Sequence[Recording]) -> tuple[str, ...]:
@@ -387,10 +388,10 @@ def _describing(search: Search, judged: Judged, validation: Validation) -> Hypot
     if not judged.partial or judged.leader is None or judged.verdict != "named":
         return None
     known, least = validation.proven(judged.leader), THRESHOLDS.least_term_gain
-    found = max(search.described(judged.leader), key=validation.proven, default=None)
-    if found is None or validation.proven(found) - known < least * max(1 - known, search.least_whole):
+    best = max(search.described(judged.leader), key=validation.proven, default=None)
+    if best is None or validation.proven(best) - known < least * max(1 - known, search.least_whole):
         return None
-    return found
+    return best
 
 
 def _without_parameters(base: Fit) -> Fit:
@@ -413,18 +414,18 @@ def _judged_with_further(
 ) -> Judged:
     """The verdict on single effects, on what explains more with further ones, and on terms without known physics."""
     least, unseen = max(threshold, THRESHOLDS.least_gain), bool(validation.recordings)
-    found_last = hypotheses
-    validation.compare(found_last)
-    while found_last := search.further(found_last, least, validation.proven, unseen):
-        validation.compare(found_last)
-        hypotheses = [*hypotheses, *found_last]
+    newest = hypotheses
+    validation.compare(newest)
+    while newest := search.further(newest, least, validation.proven, unseen):
+        validation.compare(newest)
+        hypotheses = [*hypotheses, *newest]
         # Members that the first effect has chosen may be others once there are several: the next one joins the best.
-        best = max(found_last, key=validation.proven)
+        best = max(newest, key=validation.proven)
         if search.leaves_something(best.fit):
             exchanged = search.exchanged(best, hypotheses, EFFORT.exchanged_share)
             validation.compare(exchanged)
             hypotheses = [*hypotheses, *exchanged]
-            found_last = [*found_last, *(e for e in exchanged if len(e.candidates) == len(best.candidates))]
+            newest = [*newest, *(e for e in exchanged if len(e.candidates) == len(best.candidates))]
     described: list[Hypothesis] = []
     judged = judge(hypotheses, described, validation, search.with_profile, threshold)
     if search.leaves_something(judged.leader.fit if judged.leader is not None else search.base):

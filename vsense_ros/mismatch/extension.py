@@ -51,12 +51,12 @@ def _profile(vehicle: Vehicle, dataset: Dataset, parameter_set: ParameterSet, id
         return rows
     known = list(zip(rows, abscissae(rows, dataset), strict=True))
     in_file = {at: row[-1] for row, at in known if at is not None}
-    found = [(*row[:3], row[3] + (_at(fitted, at) if at is not None else 0.0)) for row, at in known]
+    moved = [(*row[:3], row[3] + (_at(fitted, at) if at is not None else 0.0)) for row, at in known]
     for abscissa, value in fitted.items():
         if (at := dataset.road.place(abscissa)) is not None:
             place = *dataset.on_map.latitude_longitude(*at[:2]), at[2]
-            found.append((*place, value + _at(in_file, abscissa)))
-    return tuple(found)
+            moved.append((*place, value + _at(in_file, abscissa)))
+    return tuple(moved)
 
 
 def _at(points: Mapping[float, float], abscissa: float) -> float:

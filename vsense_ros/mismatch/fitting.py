@@ -27,8 +27,8 @@ class Fitting:
     def fitted(self, signatures: Sequence[Signature]) -> list[Hypothesis]:
         """The hypotheses that these signatures become when all their parameters are fitted, best first."""
         fits = self._fit_each(s.joint() for s in signatures)
-        found = [self.hypothesis(s.candidates, f, s.independent_share) for s, f in zip(signatures, fits, strict=True)]
-        return sorted(found, key=lambda e: e.score, reverse=True)
+        fitted = [self.hypothesis(s.candidates, f, s.independent_share) for s, f in zip(signatures, fits, strict=True)]
+        return sorted(fitted, key=lambda e: e.score, reverse=True)
 
     def hypothesis(self, candidates: tuple[Candidate, ...], fitted: Fit, independent_share: float) -> Hypothesis:
         """What a fit with these candidates explains beyond the base fit, by itself and in cross-validation."""
@@ -99,13 +99,13 @@ class Fitting:
         if not lost:
             return hypothesis
         begin = np.array([hypothesis.sizes.get(parameter.name, 0.0) for parameter in at.free_parameters])
-        found = fit(
+        refitted = fit(
             self.residuals, self.start, at.free_parameters, begin=begin, instead=self.base.residuals,
             progress=self._progress,
         )  # fmt: skip
-        if sum(self.residuals.predictor.lost(found.parameter_set)) >= lost:
+        if sum(self.residuals.predictor.lost(refitted.parameter_set)) >= lost:
             return hypothesis
-        return self.hypothesis(hypothesis.candidates, replace(found, weight=at.weight), hypothesis.independent_share)
+        return self.hypothesis(hypothesis.candidates, replace(refitted, weight=at.weight), hypothesis.independent_share)
 
     def unshrunk(self, hypothesis: Hypothesis) -> Hypothesis:
         """The hypothesis with its sizes fitted once more with a wider prior, which hardly shrinks them: the narrow one
@@ -128,8 +128,8 @@ class Fitting:
 
     def shaped(self, hypotheses: Sequence[Hypothesis]) -> list[Hypothesis]:
         """The hypotheses, the best of them with the shapes of their effects fitted, too."""
-        found = [*map(self.with_shape, hypotheses[: EFFORT.beam]), *hypotheses[EFFORT.beam :]]
-        return sorted(found, key=lambda e: e.score, reverse=True)
+        with_shapes = [*map(self.with_shape, hypotheses[: EFFORT.beam]), *hypotheses[EFFORT.beam :]]
+        return sorted(with_shapes, key=lambda e: e.score, reverse=True)
 
     def with_shape(self, hypothesis: Hypothesis) -> Hypothesis:
         """The hypothesis with the shapes of its last effect fitted, too, if that has some and they can be seen."""

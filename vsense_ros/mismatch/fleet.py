@@ -95,16 +95,16 @@ class Result(BaseModel):
     key: str
     vehicle: str
     recordings: tuple[RecordingUse, ...]
-    found: Answer | NoAnswer
+    outcome: Answer | NoAnswer
 
     @property
     def answer(self) -> Answer | None:
-        return self.found if isinstance(self.found, Answer) else None
+        return self.outcome if isinstance(self.outcome, Answer) else None
 
     @property
     def in_answer(self) -> tuple[EffectEntry, ...]:
         """The effects that are named, or that cannot be told apart."""
-        return self.found.in_answer if isinstance(self.found, Answer) else ()
+        return self.outcome.in_answer if isinstance(self.outcome, Answer) else ()
 
     def as_json(self) -> dict[str, Any]:
         """The content of result.json."""
@@ -120,7 +120,7 @@ def members(folder: Path) -> list[Member]:
     if not folder.is_dir():
         raise InputError(f"{folder}: no such folder; {_LAYOUT}")
     common = folder / VEHICLE_FILE
-    found = []
+    vehicles = []
     for place in sorted(folder.iterdir()):
         if not place.is_dir() or place.name.startswith("."):
             continue
@@ -131,10 +131,10 @@ def members(folder: Path) -> list[Member]:
         if own.is_file() or training or held_out:
             vehicle = next((path for path in (own, common) if path.is_file()), None)
             held_out = {f"{HELD_OUT}/{name}": path for name, path in held_out.items()}
-            found.append(Member(place.name, vehicle, training, held_out))
-    if not found:
+            vehicles.append(Member(place.name, vehicle, training, held_out))
+    if not vehicles:
         raise InputError(f"{folder}: no vehicle in it; {_LAYOUT}")
-    return found
+    return vehicles
 
 
 def _recordings(folder: Path) -> dict[str, Path]:
@@ -270,8 +270,8 @@ def _refused(member: Member, reason: str) -> Result:
     return _without_answer(member, NoAnswer(verdict="not_assessable", sentence=reason))
 
 
-def _without_answer(member: Member, found: NoAnswer) -> Result:
-    return Result(key="", vehicle=member.name, recordings=_uses(member, lambda name: ""), found=found)
+def _without_answer(member: Member, no_answer: NoAnswer) -> Result:
+    return Result(key="", vehicle=member.name, recordings=_uses(member, lambda name: ""), outcome=no_answer)
 
 
 def _uses(member: Member, reason: Callable[[str], str]) -> tuple[RecordingUse, ...]:
@@ -292,15 +292,15 @@ def explain_member(member: Member, out: Path, progress: Callable[[float], None] 
         return earlier
     if reason := _unwritable(out):  # before any computing
         return _failed(member, reason)
-    found, reasons = _explained(member, car, progress)
+    explanation, reasons = _explained(member, car, progress)
     (out / RESULT).unlink(missing_ok=True)  # an earlier one, to which the files that come now do not belong
-    found.write(out)
-    answer = _with_next_test(found.answer, car, out)
+    explanation.write(out)
+    answer = _with_next_test(explanation.answer, car, out)
 
     def unused(name: str) -> str:
         return reasons.get(name) or _unused(name, answer.remarks)
 
-    result = Result(key=key, vehicle=member.name, recordings=_uses(member, unused), found=answer)
+    result = Result(key=key, vehicle=member.name, recordings=_uses(member, unused), outcome=answer)
     with atomic_write(out / RESULT) as file:
         file.write(json.dumps(result.as_json(), indent=1, allow_nan=False) + "\n")
     (out / FAULT).unlink(missing_ok=True)
@@ -322,19 +322,19 @@ def _explained(member: Member, car: Vehicle, progress: Callable[[float], None]) 
         return explain_recordings(training, car, held_out, progress=step, observe=True)
 
     try:
-        found = explained()
+        latest = explained()
     except Exception:
         unusable = _unusable(read, car)
         if not unusable:
             raise
         reasons |= unusable
         read = {name: recording for name, recording in read.items() if name not in unusable}
-        found = explained()
-    while (blamed := _blamed(found.answer, read)) and any(name in read for name in member.training if name != blamed):
-        reasons[blamed] = found.answer.sentence
+        latest = explained()
+    while (blamed := _blamed(latest.answer, read)) and any(name in read for name in member.training if name != blamed):
+        reasons[blamed] = latest.answer.sentence
         del read[blamed]
-        found = explained()
-    return found, reasons
+        latest = explained()
+    return latest, reasons
 
 
 def _read(member: Member) -> tuple[dict[str, Recording], dict[str, str]]:

@@ -76,8 +76,8 @@ def rows(results: Sequence[Result]) -> list[dict[str, Any]]:
         table.append(
             {
                 "vehicle": result.vehicle,
-                "verdict": result.found.verdict,
-                "reason": result.found.sentence,
+                "verdict": result.outcome.verdict,
+                "reason": result.outcome.sentence,
                 "misfit": answer.misfit if answer else None,
                 "cpu_s": answer.cpu_s if answer else None,
             }
@@ -91,7 +91,7 @@ def rows(results: Sequence[Result]) -> list[dict[str, Any]]:
                 "vehicle": result.vehicle,
                 "recording": recording.name,
                 "role": recording.role,
-                "verdict": result.found.verdict,
+                "verdict": result.outcome.verdict,
                 "reason": recording.reason or None,
                 "error_share": shares.get(recording.name),
             }
@@ -143,7 +143,7 @@ def write(results: Sequence[Result], out: Path) -> None:
         vehicles=[
             {
                 "line": line,
-                "badge": _BADGES[result.found.verdict],
+                "badge": _BADGES[result.outcome.verdict],
                 "marks": [_mark(result, id) for id in effects],
                 "report": _report(result, out),
                 "left": [recording for recording in result.recordings if recording.reason],
@@ -189,12 +189,12 @@ def _line(result: Result) -> _Line:
     proof = [e.gain_left_out if e.gain_held_out is None else e.gain_held_out for e in effects]
     return _Line(
         vehicle=result.vehicle,
-        verdict=result.found.verdict,
+        verdict=result.outcome.verdict,
         effects=[_shown(effect) for effect in effects],
         proven=percent(max(proof, default=None)),
         recordings=len(result.recordings),
         unused=sum(bool(recording.reason) for recording in result.recordings),
-        reason=result.found.sentence,
+        reason=result.outcome.sentence,
     )
 
 
@@ -204,20 +204,20 @@ def _shown(effect: EffectEntry) -> str:
 
 
 def _headline(results: Sequence[Result]) -> str:
-    verdicts = Counter[str](result.found.verdict for result in results)
+    verdicts = Counter[str](result.outcome.verdict for result in results)
     said = ", ".join(f"{n} {verdict.replace('_', ' ')}" for verdict in _BADGES if (n := verdicts[verdict]))
     return f"{len(results)} vehicle{'' if len(results) == 1 else 's'}: {said}"
 
 
 def _frequency(results: Sequence[Result]) -> dict[str, list[str]]:
     """Vehicles in whose answer an effect is, by effect, the most frequent first."""
-    found: dict[str, list[str]] = {}
+    vehicles_of: dict[str, list[str]] = {}
     for result in results:
         for effect in result.in_answer:
-            found.setdefault(effect.id, []).append(result.vehicle)
-    return dict(sorted(found.items(), key=lambda item: (-len(item[1]), item[0])))
+            vehicles_of.setdefault(effect.id, []).append(result.vehicle)
+    return dict(sorted(vehicles_of.items(), key=lambda item: (-len(item[1]), item[0])))
 
 
 def _mark(result: Result, id: str) -> str:
     """The verdict on an effect for a vehicle if its answer names it, else empty."""
-    return result.found.verdict if id in {effect.id for effect in result.in_answer} else ""
+    return result.outcome.verdict if id in {effect.id for effect in result.in_answer} else ""

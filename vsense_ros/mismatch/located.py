@@ -151,20 +151,20 @@ def _region(residuals: Residuals, off: list[Array], of: str) -> Region | None:
     if not size:
         return None
     large = np.concatenate(size)
-    found = {}
+    correlations = {}
     for feature, parts in features.items():
         value = np.concatenate(parts)
         if value.std() > 0 and large.std() > 0:
-            found[feature] = float(np.corrcoef(value, large)[0, 1])
-    if not found:
+            correlations[feature] = float(np.corrcoef(value, large)[0, 1])
+    if not correlations:
         return None
-    strongest = max(found, key=lambda f: abs(found[f]))
-    way = "grows" if found[strongest] > 0 else "falls"
+    strongest = max(correlations, key=lambda f: abs(correlations[f]))
+    way = "grows" if correlations[strongest] > 0 else "falls"
     word = strongest.replace("_", " ")
     text = f"the error of the {signal.replace('_', ' ')}{of} {way} with the {word}"
-    if abs(found[strongest]) < 0.3:
+    if abs(correlations[strongest]) < 0.3:
         text = f"the error of the {signal.replace('_', ' ')}{of} is about the same everywhere"
-    return Region(description=text, correlation=found)
+    return Region(description=text, correlation=correlations)
 
 
 def physics_in_words(hypothesis: Hypothesis, candidate: Candidate) -> str:

@@ -23,11 +23,11 @@ class MotionsNear:
         self._differences = Differences(loop)
         self._known: dict[int, tuple[int, Known]] = {}  # by window, with the key of the motion
         self._asked: list[ParameterSet] = []
-        self.found: dict[tuple[int, int], Moved] = {}  # by window and key
+        self.motions: dict[tuple[int, int], Moved] = {}  # by window and key
 
     def begin(self, known: Mapping[int, tuple[int, Run, StateHistory]], parameter_sets: Sequence[ParameterSet]) -> None:
         """Forget the motions of before, and learn of the known ones by window, each with its key and its run."""
-        self._asked, self.found = list(parameter_sets), {}
+        self._asked, self.motions = list(parameter_sets), {}
         new = [i for i, (key, _, _) in known.items() if i not in self._known or self._known[i][0] != key]
         with_jacobians = self._differences.known([known[i][1] for i in new], [known[i][2] for i in new])
         self._known |= {i: (known[i][0], one) for i, one in zip(new, with_jacobians, strict=True)}
@@ -38,4 +38,4 @@ class MotionsNear:
 
     def known_of(self, parameter_set: ParameterSet) -> dict[tuple[int, int], Moved]:
         """The motions by window and key that may be used for a parameter set."""
-        return self.found if any(one is parameter_set for one in self._asked) else {}
+        return self.motions if any(one is parameter_set for one in self._asked) else {}

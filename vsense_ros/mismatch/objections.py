@@ -39,7 +39,7 @@ class Objections:
         """`best` are explanations by the ids of their effects; the other arguments are those of `verdict.judge`."""
         self.validation, self.best, self.with_profile = validation, best, with_profile
         self.least_gain, self.thresholds = least_gain, thresholds
-        self._found: dict[Hypothesis, str] = {}
+        self._by_hypothesis: dict[Hypothesis, str] = {}
         self._of_part: dict[Hypothesis, str] = {}
 
     def holds(self, e: Hypothesis) -> bool:
@@ -47,9 +47,9 @@ class Objections:
 
     def to(self, e: Hypothesis) -> str:
         """What speaks against an explanation, in words; empty where nothing does."""
-        if e not in self._found:
-            self._found[e] = self._of_gain(e) or self._of_size(e)
-        return self._found[e]
+        if e not in self._by_hypothesis:
+            self._by_hypothesis[e] = self._of_gain(e) or self._of_size(e)
+        return self._by_hypothesis[e]
 
     def to_part(self, e: Hypothesis) -> str:
         """Objection to an explanation that need not be complete: its residual may be something else, but not in the
@@ -107,7 +107,7 @@ class Objections:
         # That the road is not level or even, one size shows; what it is where may be another at every place.
         if self._negligible(e) or self.validation.unmended(e):
             e = self.with_profile(e) or e
-        if self.validation.fitted.level(e.fit.residuals) >= self.thresholds.left_over:
+        if self.validation.fitted.level(e.fit.residuals) >= self.thresholds.unexplained:
             return LEAVES_TOO_MUCH
         if self._negligible(e):
             return MIGHT_BE_ZERO

@@ -88,14 +88,16 @@ def comparison(
     for name, car in (("retuned", vehicle), ("extended", extended)):
         tuned[name] = with_fitting_noise(car, pieces, progress)
     cars = {"as_it_was": vehicle, **tuned}
-    found = {name: [innovations(one, car) for one in judged] for name, car in cars.items()}
+    innovations_of = {name: [innovations(one, car) for one in judged] for name, car in cars.items()}
     progress()
     # What an outlier is, is the same for all; and what one of them has no innovation of, none is judged by.
-    credible = [{s: one.credible() for s, one in of.items()} for of in found["as_it_was"]]
-    stamps = [{s: one.stamp for s, one in of.items()} for of in found["as_it_was"]]
-    for name, of_car in found.items():
-        found[name] = [{s: of[s].at(at[s]) for s in at if s in of} for of, at in zip(of_car, stamps, strict=True)]
-        for rows, of in zip(credible, found[name], strict=True):
+    credible = [{s: one.credible() for s, one in of.items()} for of in innovations_of["as_it_was"]]
+    stamps = [{s: one.stamp for s, one in of.items()} for of in innovations_of["as_it_was"]]
+    for name, of_car in innovations_of.items():
+        innovations_of[name] = [
+            {s: of[s].at(at[s]) for s in at if s in of} for of, at in zip(of_car, stamps, strict=True)
+        ]
+        for rows, of in zip(credible, innovations_of[name], strict=True):
             for s in rows.keys() - of.keys():
                 del rows[s]
             for s in rows:
@@ -105,11 +107,11 @@ def comparison(
     figures = {
         name: ObserverFigures(
             log_likelihood=_per_message(of, credible),
-            sensors=_by_sensor(of, found["as_it_was"], credible),
+            sensors=_by_sensor(of, innovations_of["as_it_was"], credible),
             errors=outputs[name].errors,
             reference=outputs[name].place,
         )
-        for name, of in found.items()
+        for name, of in innovations_of.items()
     }
     result = ObserverComparison(
         recordings=tuple(one.name for one in judged), held_out=bool(held_out), messages=_messages(credible),
@@ -130,12 +132,12 @@ def with_fitting_noise(
     nominal = of_vehicle(known)
 
     def evaluate(points: Sequence[Array], _: object) -> list[list[Innovations]]:
-        found = []
+        of_recordings = []
         for point in points:
             car = with_values(known, with_offsets(nominal, free_parameters, point), EXACT)
-            found.append([one for recording in recordings for one in innovations(recording, car).values()])
+            of_recordings.append([one for recording in recordings for one in innovations(recording, car).values()])
             progress()
-        return found
+        return of_recordings
 
     offsets, _ = maximise(evaluate, free_parameters, iterations=COMPARISON.iterations)
     tuned = with_values(known, with_offsets(nominal, free_parameters, offsets), NOISE.digits)
@@ -175,7 +177,7 @@ def _pieces(recordings: Sequence[Recording], dataset: Dataset) -> list[Recording
     ]
 
 
-_Found = Sequence[Mapping[str, Innovations]]  # by recording and sensor
+_ByRecording = Sequence[Mapping[str, Innovations]]  # by recording and sensor
 _Credible = Sequence[Mapping[str, NDArray[np.bool_]]]
 
 
@@ -183,23 +185,23 @@ def _messages(credible: _Credible) -> int:
     return sum(int(of.sum()) for one in credible for of in one.values())
 
 
-def _per_message(found: _Found, credible: _Credible) -> float:
+def _per_message(of_recordings: _ByRecording, credible: _Credible) -> float:
     """Log-likelihood of the measurements [nat], per message."""
     whole = sum(
         float(one[sensor].log_density()[of].sum())
-        for one, rows in zip(found, credible, strict=True)
+        for one, rows in zip(of_recordings, credible, strict=True)
         for sensor, of in rows.items()
     )
     return whole / max(_messages(credible), 1)
 
 
-def _by_sensor(found: _Found, before: _Found, credible: _Credible) -> dict[str, SensorFigures]:
+def _by_sensor(after: _ByRecording, before: _ByRecording, credible: _Credible) -> dict[str, SensorFigures]:
     names = dict.fromkeys(sensor for one in credible for sensor in one)
     result = {}
     for name in names:
         parts = [
             (one[name], was[name], rows[name])
-            for one, was, rows in zip(found, before, credible, strict=True)
+            for one, was, rows in zip(after, before, credible, strict=True)
             if name in rows
         ]
         count = sum(int(of.sum()) for *_, of in parts)
@@ -297,10 +299,10 @@ def fitted_place(
     return ReferencePlace(x=float(place[0]), y=float(place[1]), yaw=float(place[2]))
 
 
-def _judged(found: ObserverComparison) -> tuple[bool, str]:
+def _judged(compared: ObserverComparison) -> tuple[bool, str]:
     """True if the observer is better with the extended file, and a sentence that says so."""
-    was, retuned, extended = found.as_it_was, found.retuned, found.extended
-    on = "held-out recordings" if found.held_out else "the fitted recordings, as none was held out"
+    was, retuned, extended = compared.as_it_was, compared.retuned, compared.extended
+    on = "held-out recordings" if compared.held_out else "the fitted recordings, as none was held out"
     gained, by_noise = (one.log_likelihood - was.log_likelihood for one in (extended, retuned))
     rises = gained > COMPARISON.noteworthy
     further_off = _changed(extended, retuned)

@@ -99,10 +99,10 @@ class OnsetSearch:
     def best(self, secants: Iterable[tuple[Candidate, Sequence[Array]]]) -> Onset | None:
         """The effect that explains most if it begins within recordings; None where each explains as much from their
         beginning on. `secants` are by window (rows,), per deviation of the only size of each candidate."""
-        found = (one for candidate, secant in secants if (one := self._found(candidate, secant)) is not None)
-        return max(found, key=lambda one: one.gain, default=None)
+        onsets = (one for candidate, secant in secants if (one := self._onset_of(candidate, secant)) is not None)
+        return max(onsets, key=lambda one: one.gain, default=None)
 
-    def _found(self, candidate: Candidate, secant: Sequence[Array]) -> Onset | None:
+    def _onset_of(self, candidate: Candidate, secant: Sequence[Array]) -> Onset | None:
         passages = [self._passage(group, secant) for group in self._groups]
         first = [0] * len(passages)
         always = self._gains(passages, first, None)[0]
@@ -170,13 +170,13 @@ class OnsetSearch:
     @staticmethod
     def _sums(passages: Sequence[_Passage], begins: Sequence[int], free: int | None) -> tuple[Array, Array, Array]:
         """(n, k), (n,) and (n,) products of the effect, where one recording may begin anywhere or none (n = 1)."""
-        found = []
+        sums = []
         for name in ("onto", "right", "own"):
             fixed = sum(getattr(p, name)[i] for j, (p, i) in enumerate(zip(passages, begins, strict=True)) if j != free)
-            found.append(np.atleast_1d(fixed) if free is None else fixed + getattr(passages[free], name))
+            sums.append(np.atleast_1d(fixed) if free is None else fixed + getattr(passages[free], name))
         if free is None:
-            found[0] = found[0].reshape(1, -1)
-        return found[0], found[1], found[2]
+            sums[0] = sums[0].reshape(1, -1)
+        return sums[0], sums[1], sums[2]
 
     def _solved(self, passages: Sequence[_Passage], begins: Sequence[int]) -> tuple[float, Array, float]:
         """What is explained, the change (k,) of the free parameters of the fit, and the size [deviations]."""
@@ -188,13 +188,13 @@ class OnsetSearch:
 
     def _cut(self, secant: Sequence[Array], passages: Sequence[_Passage], begins: Sequence[int]) -> list[Array]:
         """The secant without what is before the effect begins."""
-        found = list(secant)
+        switched = list(secant)
         for group, passage, begin in zip(self._groups, passages, begins, strict=True):
             since = passage.t[begin] if begin < len(passage.t) else np.inf
             for index in group:
                 on = np.tile(self._instants[index] >= since, len(self._layout[index]))
-                found[index] = np.where(on, secant[index], 0.0)
-        return found
+                switched[index] = np.where(on, secant[index], 0.0)
+        return switched
 
     def _noise(self, secant: Sequence[Array], left: Sequence[Array]) -> float:
         """Variance of what blurs the time: of sums over blocks, so that it counts that neighbours err together."""
@@ -229,11 +229,11 @@ def onset(
     """What begins within recordings, if that is sure: it explains as much more as a term without known physics must
     than the same effect there all the time, and than the gain `known` of what describes the rest otherwise; its time is
     known in a recording; and the signal that is furthest off comes near a good model, or at least much closer to it."""
-    found = OnsetSearch(residuals, at).best(secants)
-    if found is None or not found.begins or found.gain - max(found.always, known) <= thresholds.least_term_gain:
+    best = OnsetSearch(residuals, at).best(secants)
+    if best is None or not best.begins or best.gain - max(best.always, known) <= thresholds.least_term_gain:
         return None
     worst, off = residuals.furthest(at.residuals)
     if not worst:
         return None
-    share = residuals.deviations(found.left)[worst] / residuals.deviations(at.residuals)[worst]
-    return found if share < max(min(1.0, thresholds.signal_off / off), thresholds.mended) else None
+    share = residuals.deviations(best.left)[worst] / residuals.deviations(at.residuals)[worst]
+    return best if share < max(min(1.0, thresholds.signal_off / off), thresholds.mended) else None

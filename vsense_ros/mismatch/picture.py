@@ -63,8 +63,8 @@ class Trace:
 
     def error(self, simulated: Array) -> Array:
         """(n,) measured minus simulated, in the way in which the signal is compared."""
-        found = difference({self.signal: self.measured}, {self.signal: simulated})
-        return found.get(self.signal, self.measured - simulated)
+        differences = difference({self.signal: self.measured}, {self.signal: simulated})
+        return differences.get(self.signal, self.measured - simulated)
 
     @property
     def errors(self) -> tuple[float, float]:
@@ -88,9 +88,9 @@ def rms(value: Array) -> float:
 def most_affected(traces: Sequence[Trace], signals: Sequence[str]) -> Trace | None:
     """The window with the largest error in the first of `signals` that has any; one that no fit saw, if possible."""
     for signal in [*signals, *(trace.signal for trace in traces)]:
-        found = [trace for trace in traces if trace.signal == signal]
-        if found:
-            return max(found, key=lambda trace: (trace.held_out, trace.errors[0]))
+        of_signal = [trace for trace in traces if trace.signal == signal]
+        if of_signal:
+            return max(of_signal, key=lambda trace: (trace.held_out, trace.errors[0]))
     return None
 
 

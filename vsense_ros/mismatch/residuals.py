@@ -78,14 +78,14 @@ class Residuals:
         Raises `DivergedError` where a simulation leaves all bounds and there is nothing instead.
         """
         if instead is None:
-            found = self._until(parameter_set, [np.inf] * len(self.layout))
-            return [rows.reshape(-1) for rows in found]
-        found = self._until(parameter_set, self.predictor.lost_from(parameter_set))
+            weighted = self._until(parameter_set, [np.inf] * len(self.layout))
+            return [rows.reshape(-1) for rows in weighted]
+        weighted = self._until(parameter_set, self.predictor.lost_from(parameter_set))
         return [
             np.column_stack([rows, known.reshape(len(rows), -1)[:, rows.shape[1] :]]).reshape(-1)
             if len(rows)
             else known
-            for rows, known in zip(found, instead, strict=True)
+            for rows, known in zip(weighted, instead, strict=True)
         ]
 
     def compared(self, parameter_set: ParameterSet, until: Sequence[float]) -> list[Array]:
@@ -139,8 +139,8 @@ class Residuals:
 
     def by_signal(self, residuals: Sequence[Array]) -> dict[str, float]:
         """Root mean square of each signal's error in its unit."""
-        found = self._root_mean_squares(residuals, untempered)
-        return {name: off * self.deviation[name] for name, off in found.items()}
+        relative = self._root_mean_squares(residuals, untempered)
+        return {name: off * self.deviation[name] for name, off in relative.items()}
 
     def _root_mean_squares(self, residuals: Sequence[Array], of: Callable[[Array], Array]) -> dict[str, float]:
         parts: dict[str, list[Array]] = {}

@@ -201,16 +201,16 @@ def curvature(place: Array, turned: Array) -> Array:
     """How much the road turns per metre (n,) [1/m], from the abscissae (n,) of a car on it and what it has turned (n,)
     [rad]: over twice `SPACING`, in which a car that weaves on a straight road has turned back. Zero where the abscissa
     jumps to another stretch of road."""
-    found = np.zeros(len(place))
+    curvatures = np.zeros(len(place))
     jumps = np.flatnonzero(np.abs(np.diff(place)) > ROAD_SETTINGS.spacing) + 1
     for rows in np.split(np.arange(len(place)), jumps):
         s = np.maximum.accumulate(place[rows])
         first, last = (np.clip(s + by, s[0], s[-1]) for by in (-SPACING, SPACING))
         turn = np.interp(last, s, turned[rows]) - np.interp(first, s, turned[rows])
-        found[rows] = np.where(
+        curvatures[rows] = np.where(
             last - first > ROAD_SETTINGS.spacing, turn / np.maximum(last - first, ROAD_SETTINGS.spacing), 0.0
         )
-    return found
+    return curvatures
 
 
 def point(size: str, abscissa: float) -> str:
@@ -227,24 +227,24 @@ def place_of(name: str) -> tuple[str, float] | None:
 def profile(points: Mapping[float, float], place: Array) -> Array:
     """Values at places, without kinks between the points, falling to zero within `SPACING` beyond the ends of a
     stretch."""
-    found = np.zeros(len(place))
+    heights = np.zeros(len(place))
     for at, value in _stretches(points):
         beyond = np.maximum(np.maximum(at[0] - place, place - at[-1]), 0) / SPACING
         near = beyond < 1
         inside = np.clip(place[near], at[0], at[-1])
-        found[near] += (1 - beyond[near]) * (road_profile.spline(at, value)(inside) if len(at) > 1 else value[0])
-    return found
+        heights[near] += (1 - beyond[near]) * (road_profile.spline(at, value)(inside) if len(at) > 1 else value[0])
+    return heights
 
 
 def profile_change(points: Mapping[float, float], place: Array) -> Array:
     """What the values change by per metre. Beyond the ends of a stretch, of which nothing is known, as at them; zero
     farther away, and where a stretch has one point."""
-    found = np.zeros(len(place))
+    slopes = np.zeros(len(place))
     for at, value in _stretches(points):
         near = (place > at[0] - SPACING) & (place < at[-1] + SPACING)
         if len(at) > 1:
-            found[near] += road_profile.spline(at, value)(np.clip(place[near], at[0], at[-1]), 1)
-    return found
+            slopes[near] += road_profile.spline(at, value)(np.clip(place[near], at[0], at[-1]), 1)
+    return slopes
 
 
 def _stretches(points: Mapping[float, float]) -> list[tuple[Array, Array]]:

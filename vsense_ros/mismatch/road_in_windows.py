@@ -104,20 +104,20 @@ class RoadsInWindows:
     @cached_property
     def profiles_of_file(self) -> Profiles:
         """The profiles of the vehicle file, on the road of the data."""
-        found: dict[str, dict[float, float]] = {}
+        profiles: dict[str, dict[float, float]] = {}
         for id in BY_ID:
             rows = getattr(getattr(self.vehicle.physics.effects, id), "profile", ())
             for row, abscissa in zip(rows, abscissae(rows, self.dataset), strict=True):
                 if abscissa is not None:
-                    found.setdefault(size_of(id), {})[abscissa] = row[-1]
-        return found
+                    profiles.setdefault(size_of(id), {})[abscissa] = row[-1]
+        return profiles
 
 
 def abscissae(rows: Sequence[tuple[float, float, float, float]], dataset: Dataset) -> list[float | None]:
     """Where on the road of the recordings the rows of a `RoadEffect.profile` are [m]; None where nobody has been."""
-    found = []
+    places = []
     for latitude, longitude, heading, _ in rows:
         fix = {k: np.array([v]) for k, v in zip(_FIX, (latitude, longitude, 0.0), strict=True)}
         at = dataset.on_map.placed(fix)
-        found.append(dataset.road.abscissa_of(float(at["east"][0]), float(at["north"][0]), heading))
-    return found
+        places.append(dataset.road.abscissa_of(float(at["east"][0]), float(at["north"][0]), heading))
+    return places

@@ -34,11 +34,11 @@ class RoadPrediction:
     def predicted(self, instead: Sequence[Array]) -> list[Array]:
         """Residuals by window, of each piece with the road fitted to its neighbours; those of `instead` where the car
         gets lost."""
-        found = []
+        predictions = []
         both = (self.residuals(parameter_set, instead) for parameter_set in (self.from_even, self.from_odd))
         for on_odd, on_even, names, window in zip(*both, self.residuals.layout, self._windows, strict=True):
-            found.append(np.where(np.tile(odd(window), len(names)), on_odd, on_even))
-        return found
+            predictions.append(np.where(np.tile(odd(window), len(names)), on_odd, on_even))
+        return predictions
 
     def simulated(self) -> list[dict[str, Array]]:
         """Signals by window, of each piece as in `predicted`; none where the car left all bounds."""
@@ -54,13 +54,13 @@ class RoadPrediction:
         return self.residuals.predictor.dataset.windows
 
 
-def predict_road(residuals: Residuals, before: Sequence[Array], found: Fit) -> RoadPrediction:
+def predict_road(residuals: Residuals, before: Sequence[Array], fitted: Fit) -> RoadPrediction:
     """The road of recordings that no fit has seen, for the car of a fit that has `found` another road. `before` are the
     residuals without a road, which stay where that car gets lost."""
-    known = {parameter.place for parameter in found.free_parameters if parameter.place is not None}
-    sizes = [parameter for parameter in found.free_parameters if parameter.name in {size for size, _ in known}]
+    known = {parameter.place for parameter in fitted.free_parameters if parameter.place is not None}
+    sizes = [parameter for parameter in fitted.free_parameters if parameter.name in {size for size, _ in known}]
     unknown = Fit(
-        found.parameter_set, (), np.zeros(0), residuals(found.parameter_set, before),
+        fitted.parameter_set, (), np.zeros(0), residuals(fitted.parameter_set, before),
         [np.zeros((len(r), 0)) for r in before],
         prior_weight(before),
     )  # fmt: skip
@@ -72,10 +72,10 @@ def predict_road(residuals: Residuals, before: Sequence[Array], found: Fit) -> R
         )
     ]
     # A slope at one place bends the road beside it, which no share of the slope everywhere describes.
-    columns = slopes_by(residuals, found.parameter_set, unknown, free_parameters, EFFORT.secant)
+    columns = slopes_by(residuals, fitted.parameter_set, unknown, free_parameters, EFFORT.secant)
     slopes = [np.column_stack(parts) for parts in zip(*columns, strict=True)]
     begin = Fit(
-        found.parameter_set,
+        fitted.parameter_set,
         tuple(free_parameters),
         np.zeros(len(free_parameters)),
         unknown.residuals,
@@ -90,7 +90,7 @@ def predict_road(residuals: Residuals, before: Sequence[Array], found: Fit) -> R
         on_pieces = _OnPieces(residuals, rows, before)
         first = replace(begin, residuals=chosen(begin.residuals, rows), slopes=chosen(begin.slopes, rows))
         known = chosen(before, rows)
-        return fit(on_pieces, found.parameter_set, free_parameters, first=first, instead=known).parameter_set
+        return fit(on_pieces, fitted.parameter_set, free_parameters, first=first, instead=known).parameter_set
 
     return RoadPrediction(residuals, from_even=fitted_to([~rows for rows in on_odd]), from_odd=fitted_to(on_odd))
 

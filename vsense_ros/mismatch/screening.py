@@ -57,23 +57,25 @@ class Screening:
         their gain elsewhere than in the window where they promise most; and profiles of the road that promise more than
         one size for all places, where `roads_may_vary`."""
         self.simulate_new()
-        found = [self.signature(at, present, (c,)) for c in self.besides(present)]
-        found = [s for s in found if s.independent_share > 0]
-        single = [s for s in found if not s.candidates[-1].along_road]
+        signatures = [self.signature(at, present, (c,)) for c in self.besides(present)]
+        signatures = [s for s in signatures if s.independent_share > 0]
+        single = [s for s in signatures if not s.candidates[-1].along_road]
         by_gain = sorted(single, key=lambda s: s.gain, reverse=True)[:count]
         by_score = sorted(single, key=lambda s: s.score, reverse=True)[:count]
         elsewhere = sorted((s for s in single if s.elsewhere > 0), key=lambda s: s.elsewhere, reverse=True)[:count]
-        chosen = [*by_score, *by_gain, *elsewhere, *self._profiles(found, single, present)]
+        chosen = [*by_score, *by_gain, *elsewhere, *self._profiles(signatures, single, present)]
         return list({s.candidates[-1].name: s for s in chosen}.values())
 
     def _profiles(
-        self, found: Sequence[Signature], single: Sequence[Signature], present: Sequence[Candidate]
+        self, signatures: Sequence[Signature], single: Sequence[Signature], present: Sequence[Candidate]
     ) -> list[Signature]:
         """The profiles among the signatures that promise clearly more than one size for all places, each after that
         size."""
         chosen: list[Signature] = []
         best = max((s.score for s in single), default=0.0)
-        for free in (s for s in found if s.candidates[-1].along_road and self._may_vary(s.candidates[-1], present)):
+        for free in (
+            s for s in signatures if s.candidates[-1].along_road and self._may_vary(s.candidates[-1], present)
+        ):
             one = next((s for s in single if first_size(s.candidates[-1]) == first_size(free.candidates[-1])), None)
             known = max(one.score if one is not None else 0.0, self.of_several_cars)
             if free.score > max(known + EFFORT.least_profile_gain, EFFORT.promising_share * best):
@@ -112,8 +114,8 @@ class Screening:
             wanted = gains > larger + EFFORT.refined_gain
         likely = np.argwhere(np.triu(wanted & ~one_effect, 1))
         order = np.argsort([-gains[i, j] for i, j in likely])
-        found = [self.signature(at, present, (single[i], single[j])) for i, j in likely[order[: EFFORT.pairs_screened]]]
-        return sorted((s for s in found if s.independent_share > 0), key=lambda s: s.score, reverse=True)[: EFFORT.beam]
+        pairs = [self.signature(at, present, (single[i], single[j])) for i, j in likely[order[: EFFORT.pairs_screened]]]
+        return sorted((s for s in pairs if s.independent_share > 0), key=lambda s: s.score, reverse=True)[: EFFORT.beam]
 
     def _may_vary(self, profile: Candidate, present: Sequence[Candidate]) -> bool:
         """True if a profile may be fitted with the candidates present: it would mend the residuals of any other effect,

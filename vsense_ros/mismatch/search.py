@@ -73,20 +73,20 @@ class Search:
     def single(self) -> list[Hypothesis]:
         """The likeliest candidates alone, fitted in full, best first; profiles of the road among them only where the
         best other one leaves a signal further off than a good model does."""
-        found = self._refined(self.fitting.fitted(self.screening.screened(self.base, (), EFFORT.shortlist)))
-        if any(c.along_road for c in self.offered) and self.leaves_something(found[0].fit if found else self.base):
+        fitted = self._refined(self.fitting.fitted(self.screening.screened(self.base, (), EFFORT.shortlist)))
+        if any(c.along_road for c in self.offered) and self.leaves_something(fitted[0].fit if fitted else self.base):
             self.screening.roads_may_vary = True
-            known = {e.candidates for e in found}
+            known = {e.candidates for e in fitted}
             new = [s for s in self.screening.screened(self.base, (), EFFORT.shortlist) if s.candidates not in known]
-            found = _worth_their_freedom([*found, *self._refined(self.fitting.fitted(new))])
-            self.screening.varying = {e.candidates[-1].name for e in found if e.candidates[-1].along_road}
-        return sorted(found, key=lambda e: e.score, reverse=True)
+            fitted = _worth_their_freedom([*fitted, *self._refined(self.fitting.fitted(new))])
+            self.screening.varying = {e.candidates[-1].name for e in fitted if e.candidates[-1].along_road}
+        return sorted(fitted, key=lambda e: e.score, reverse=True)
 
     def _refined(self, fitted: Sequence[Hypothesis]) -> list[Hypothesis]:
         """Hypotheses with their shapes, fitted further: the best with secants of their own, the others with those of
         their last effect."""
-        found = self.fitting.shaped(fitted)
-        best, others = found[: EFFORT.beam], found[EFFORT.beam :]
+        hypotheses = self.fitting.shaped(fitted)
+        best, others = hypotheses[: EFFORT.beam], hypotheses[EFFORT.beam :]
         return [*self.fitting.refined_each(best), *self.fitting.refined_by_last(others)]
 
     def leaves_something(self, fitted: Fit) -> bool:
@@ -99,8 +99,8 @@ class Search:
         least, begin = self.base.value - EFFORT.stuck_share * self.whole, None
         for hypothesis in hypotheses:
             taken = {parameter.name for candidate in hypothesis.candidates for parameter in candidate.free_parameters}
-            found = {k: v for k, v in hypothesis.fit.offset_by_name.items() if k not in taken}
-            offsets = np.array([found.get(name, offset) for name, offset in self.base.offset_by_name.items()])
+            estimated = {k: v for k, v in hypothesis.fit.offset_by_name.items() if k not in taken}
+            offsets = np.array([estimated.get(name, offset) for name, offset in self.base.offset_by_name.items()])
             parameter_set = with_offsets(self.start, self.base.free_parameters, offsets)
             tried = replace(self.base, offsets=offsets, residuals=self.residuals(parameter_set, self.base.residuals))
             if tried.value < least:
@@ -188,8 +188,8 @@ class Search:
         every = [term for term in terms(self.start.values) if self.screening.possible(term)]
         self.secants.simulate_new(every)
         at, known = (self.base, ()) if besides is None else (besides.fit, besides.candidates)
-        found = [self.screening.signature(at, known, (term,)) for term in every]
-        return self.fitting.fitted(sorted(found, key=lambda s: s.score, reverse=True)[: EFFORT.terms_tried])
+        signatures = [self.screening.signature(at, known, (term,)) for term in every]
+        return self.fitting.fitted(sorted(signatures, key=lambda s: s.score, reverse=True)[: EFFORT.terms_tried])
 
     def joint(self, hypotheses: Sequence[Hypothesis]) -> list[Hypothesis]:
         """The first of the hypotheses fitted jointly with the further effects of each other one, which shows what they

@@ -75,15 +75,15 @@ class Secants:
         groups = [points[first :: EFFORT.places_apart] for first in range(min(EFFORT.places_apart, len(points)))]
         windows, layout = self.residuals.predictor.dataset.windows, self.residuals.layout
         passed = [np.tile(places(window), len(names)) for window, names in zip(windows, layout, strict=True)]
-        found: dict[str, list[Array]] = {}
+        slopes: dict[str, list[Array]] = {}
         secants = slopes_by(self.residuals, self.start, at, [joined(group) for group in groups], step)
         for group, secant in zip(groups, secants, strict=True):
             for point in group:
                 assert point.place is not None
                 near = [np.abs(way - point.place[1]) < EFFORT.places_apart / 2 * SPACING for way in passed]
-                found[point.name] = [_where(here, part) for here, part in zip(near, secant, strict=True)]
+                slopes[point.name] = [_where(here, part) for here, part in zip(near, secant, strict=True)]
             self._progress()
-        return [found[point.name] for point in points]
+        return [slopes[point.name] for point in points]
 
     def all_slopes_at(self, at: Fit) -> list[Array]:
         """Slopes (rows, k) by all k free parameters of a fit, near this fit, per deviation, by window."""

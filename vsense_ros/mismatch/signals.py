@@ -56,11 +56,11 @@ def signals(
     radius [m], the same for both. Signals with gaps are left out."""
     t = np.arange(window.begin, window.end, WINDOWS.grid)
     inside = slice(round(WINDOWS.run_in / WINDOWS.grid), len(t) - round(SIGNALS.edge / WINDOWS.grid))
-    found = {name: np.interp(t, at, value) for name, at, value in _made(window, readings, sensors, radius)}
-    if not found:
+    interpolated = {name: np.interp(t, at, value) for name, at, value in _made(window, readings, sensors, radius)}
+    if not interpolated:
         return {}
-    smooth = sosfiltfilt(_FILTER, np.array(list(found.values())))[:, inside][:, :: SIGNALS.kept_every]
-    return dict(zip(found, smooth, strict=True))
+    smooth = sosfiltfilt(_FILTER, np.array(list(interpolated.values())))[:, inside][:, :: SIGNALS.kept_every]
+    return dict(zip(interpolated, smooth, strict=True))
 
 
 def noise(
@@ -71,14 +71,14 @@ def noise(
     What the filter leaves of the noise of samples is its share of their band; values that are held until new ones come
     are one sample.
     """
-    found = {}
+    deviations = {}
     for name, at, value in _made(window, readings, sensors, radius):
         held = period_of_updates(value[:, None]) or 1
         at, value = at[::held], value[::held]
         if len(value) > SIGNALS.least_values:
             share = min(1.0, 2 * SIGNALS.cut_off * float(np.median(np.diff(at))))
-            found[name] = white_noise(value) * share**0.5
-    return found
+            deviations[name] = white_noise(value) * share**0.5
+    return deviations
 
 
 def _made(
@@ -86,22 +86,22 @@ def _made(
 ) -> Iterator[tuple[str, Array, Array]]:
     """Name, instants and values of each signal that is there all the time."""
     whole = {
-        sensor: found for sensor, found in readings.items()
-        if found.t[0] <= window.begin + 1.0 and found.t[-1] >= window.end - 1.0
+        sensor: rows for sensor, rows in readings.items()
+        if rows.t[0] <= window.begin + 1.0 and rows.t[-1] >= window.end - 1.0
     }  # fmt: skip
     inertial = best_measuring(((name, sensors[name]) for name in whole), "rates and forces")
     heading = None if inertial is None else _heading(whole[inertial])
-    for sensor, found in whole.items():
+    for sensor, rows in whole.items():
         for signal in sensors[sensor].signals:
             if signal.turning and heading is None:
                 continue
             with np.errstate(invalid="ignore"):
-                value = signal.make(found.value, radius)
+                value = signal.make(rows.value, radius)
             if signal.turning and heading is not None:
-                value = value - np.interp(found.t, *heading)
+                value = value - np.interp(rows.t, *heading)
             present = np.isfinite(value)
             if present.mean() >= 0.9:
-                yield signal.name, found.t[present], value[present]
+                yield signal.name, rows.t[present], value[present]
 
 
 def _heading(imu: Readings) -> tuple[Array, Array]:

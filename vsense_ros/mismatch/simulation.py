@@ -75,7 +75,7 @@ class Predictor:
 
     def _measuring(self) -> Iterator[tuple[Window, dict[str, Readings], Mapping[str, SensorBase], float]]:
         for window in self.dataset.windows:
-            readings = {name: found for name, found in window.readings.items() if name in self._sensing}
+            readings = {name: rows for name, rows in window.readings.items() if name in self._sensing}
             yield window, readings, self.dataset.sensors, self.radius
 
     def simulated(self, parameter_set: ParameterSet) -> list[dict[str, Array]]:
@@ -118,7 +118,7 @@ class Predictor:
     @cached_property
     def _slipped(self) -> list[bool]:
         """True for each window in which wheels locked or spun."""
-        found = []
+        slipping = []
         for window in self.dataset.windows:
             slips = False
             for name, readings in window.readings.items():
@@ -129,8 +129,8 @@ class Predictor:
                 slips |= bool(
                     np.any(np.abs(speed - usual) > PREDICTION.slipping_share * np.maximum(usual, WINDOWS.slowest))
                 )
-            found.append(slips)
-        return found
+            slipping.append(slips)
+        return slipping
 
     def foresee(self, parameter_sets: Sequence[ParameterSet]) -> None:
         """Drive the windows with up to `ahead` parameter sets side by side; what then is asked of them is known."""
@@ -164,7 +164,7 @@ class Predictor:
         driven = near.drive(index, [self.drives.run(index, way, self._remembered[index]) for way in new.values()])
         for key, motion in zip(new, driven, strict=True):
             if np.isinf(self._lost_from(index, motion)):
-                near.found[index, key] = motion, {}
+                near.motions[index, key] = motion, {}
 
     def _in_full(self, parameter_set: ParameterSet) -> bool:
         """True if a parameter set is not simulated by its distance from another: an effect has a size that remembers,
@@ -221,14 +221,14 @@ class Predictor:
         _, ways = self._ways(parameter_set)
         near = {} if self._near is None else self._near.known_of(parameter_set)
         self._drive([ways], near)
-        found = []
+        motions = []
         for index, (way, known) in enumerate(zip(ways, self._motions, strict=True)):
             if way.key in known:
                 known[way.key] = known.pop(way.key)  # the last to be forgotten
-                found.append((*known[way.key], way))
+                motions.append((*known[way.key], way))
             else:
-                found.append((*near[index, way.key], way))
-        return found
+                motions.append((*near[index, way.key], way))
+        return motions
 
     def _sensors(self, parameter_set: ParameterSet) -> dict[str, SensorBase]:
         sensors = self._sensors_of_car
@@ -247,17 +247,19 @@ class Predictor:
         as the car of the vehicle file is driven through these, in which effects remember whatever their size. Nothing
         of what this car does in a window in which it gets lost."""
         windows = self.dataset.windows
-        found = [np.zeros(self.car.internal_state.numel()) for _ in windows]
+        memories = [np.zeros(self.car.internal_state.numel()) for _ in windows]
         in_order = [sorted(of, key=lambda index: windows[index].begin) for of in self.dataset.places_by_recording()]
         _, ways = self._ways(self.start)
         for place in range(max(map(len, in_order), default=0) - 1):
             pairs = [of[place : place + 2] for of in in_order if len(of) > place + 1]
-            runs = [self._until(windows[after].begin, before, ways[before], found[before]) for before, after in pairs]
+            runs = [
+                self._until(windows[after].begin, before, ways[before], memories[before]) for before, after in pairs
+            ]
             for (before, after), motion in zip(pairs, self._loop.runs(runs), strict=True):
                 lost = np.isfinite(self._lost_from(before, motion)) or not np.isfinite(motion.internal_state).all()
-                memory = found[before] if lost else motion.internal_state
-                found[after] = self._rested(memory, max(0.0, windows[after].begin - windows[before].end))
-        return found
+                memory = memories[before] if lost else motion.internal_state
+                memories[after] = self._rested(memory, max(0.0, windows[after].begin - windows[before].end))
+        return memories
 
     def _until(self, end: float, index: int, way: Driving, memory: Array) -> Run:
         """The run of a window up to a time [s]."""
@@ -266,10 +268,10 @@ class Predictor:
 
     def _rested(self, memory: Array, duration: float) -> Array:
         """What lasts of the memory of all effects after a while [s] that no window shows."""
-        found = memory.copy()
+        rested = memory.copy()
         for id, part in self.car.internal_state_slices.items():
-            found[part] = effect_of(self.start, id).relaxed(memory[part], duration)
-        return found
+            rested[part] = effect_of(self.start, id).relaxed(memory[part], duration)
+        return rested
 
     def _signals(
         self, window: Window, motion: StateHistory, sensors: Mapping[str, SensorBase], way: Driving

@@ -99,10 +99,10 @@ def spoilt_stretches(windows: Sequence[Window], sensors: Mapping[str, SensorBase
 def _without_margins(window: Window) -> Window:
     """The window with what was measured inside of it alone: what is cut out stays in the margins of its neighbours."""
     inside = {}
-    for name, found in window.readings.items():
-        first, last = np.searchsorted(found.t, window.begin), np.searchsorted(found.t, window.end, side="right")
-        inside[name] = found.rows(slice(int(first), int(last)))
-    return replace(window, readings={name: found for name, found in inside.items() if len(found.t) >= 2})
+    for name, rows in window.readings.items():
+        first, last = np.searchsorted(rows.t, window.begin), np.searchsorted(rows.t, window.end, side="right")
+        inside[name] = rows.rows(slice(int(first), int(last)))
+    return replace(window, readings={name: rows for name, rows in inside.items() if len(rows.t) >= 2})
 
 
 def _standing_still(windows: Sequence[Window], sensors: Mapping[str, SensorBase]) -> Iterator[Spoilt]:

@@ -76,16 +76,16 @@ def stand_ins(search: Search) -> list[StandIn]:
         needed = held - free
         if needed <= THRESHOLDS.least_gain * search.whole:
             continue
-        found = []
+        ranked = []
         for j, candidate in enumerate(single, start=count):
             value, changed = least_with([*others, j], equations, i)
             parameter, size = candidate.free_parameters[0], changed[-1] * equations.free_parameters[j].deviation
             needed_besides = value - least_with([*range(count), j], equations)[0]
             in_place = needed_besides <= (1 - THRESHOLDS.rival_share) * needed
             if in_place and parameter.low <= size <= parameter.high:
-                found.append((needed_besides, candidate, float(size)))
+                ranked.append((needed_besides, candidate, float(size)))
         best: dict[str, tuple[Candidate, float]] = {}  # by effect, at its best place
-        for _, candidate, size in sorted(found, key=itemgetter(0)):
+        for _, candidate, size in sorted(ranked, key=itemgetter(0)):
             best.setdefault(candidate.effect, (candidate, size))
         if best:
             parameter = base.free_parameters[i]

@@ -293,11 +293,11 @@ class ObserverRow:
     cells: tuple[str, ...]
 
 
-def observer_rows(found: ObserverComparison) -> list[ObserverRow]:
+def observer_rows(compared: ObserverComparison) -> list[ObserverRow]:
     """How the observer fares, in words."""
-    columns = (found.as_it_was, found.retuned, found.extended)
+    columns = (compared.as_it_was, compared.retuned, compared.extended)
     rows = [ObserverRow("log-likelihood per message", tuple(_three_digits(one.log_likelihood) for one in columns))]
-    for name in found.as_it_was.sensors:
+    for name in compared.as_it_was.sensors:
         sensors = [one.sensors[name] for one in columns]
         rows.append(
             ObserverRow(
@@ -307,7 +307,7 @@ def observer_rows(found: ObserverComparison) -> list[ObserverRow]:
         rows.append(
             ObserverRow(f"{label(name)}: log-likelihood", tuple(_three_digits(one.log_likelihood) for one in sensors))
         )
-    for name, first in found.as_it_was.errors.items():
+    for name, first in compared.as_it_was.errors.items():
         errors = [one.errors[name] for one in columns]
         unit, factor = SIGNAL_UNITS.get(first.unit, (first.unit, 1.0))
         for words, values in (
@@ -323,9 +323,9 @@ def _three_digits(value: float) -> str:
     return f"{value:.3f}".replace("-", "−")
 
 
-def reference_in_words(found: ObserverComparison) -> str:
+def reference_in_words(compared: ObserverComparison) -> str:
     """Where the recordings say that their reference is mounted; empty without one."""
-    places = [one.reference for one in (found.as_it_was, found.extended)]
+    places = [one.reference for one in (compared.as_it_was, compared.extended)]
     if places[0] is None or places[1] is None:
         return ""
     said = [

@@ -37,7 +37,7 @@ class Thresholds:
     surpassed_share: float
     sure_share: float
     partial_gain: float
-    left_over: float
+    unexplained: float
     signal_off: float
     noise_level: float
     mended: float
@@ -61,15 +61,15 @@ class Thresholds:
 def read(path: Path = FILE) -> Thresholds:
     """The thresholds in a file. Raises `InputError` where one is missing, unknown, or has no number, unit, meaning or
     source."""
-    found = YAML(typ="safe").load(path.read_text(encoding="utf-8"))
+    entries = YAML(typ="safe").load(path.read_text(encoding="utf-8"))
     names = {field.name for field in fields(Thresholds)}
-    if not isinstance(found, dict) or found.keys() != names:
-        differ = ", ".join(sorted(names ^ set(found or ())))
+    if not isinstance(entries, dict) or entries.keys() != names:
+        differ = ", ".join(sorted(names ^ set(entries or ())))
         raise InputError(f"{path}: expected the thresholds of the verdict, found others or not all: {differ}")
-    for name, entry in found.items():
+    for name, entry in entries.items():
         if not isinstance(entry, dict) or entry.keys() != KEYS or not isinstance(entry["value"], int | float):
             raise InputError(f"{path}: {name}: expected value (a number), unit, meaning and source, found {entry}")
-    return Thresholds(**{name: entry["value"] for name, entry in found.items()})
+    return Thresholds(**{name: entry["value"] for name, entry in entries.items()})
 
 
 def write(changes: Mapping[str, tuple[float, str]], path: Path = FILE) -> None:

@@ -243,14 +243,14 @@ class Validation:
         """
         at = self.base if known is None else known.fit
         of_others = 0.0 if known is None else self.thresholds.least_telling
-        found = self._resized(at.residuals, hypothesis.fit.residuals, self.fitted.layout, of_others)
+        changes = self._resized(at.residuals, hypothesis.fit.residuals, self.fitted.layout, of_others)
         compared = 1.0  # residuals that are compared, over those that were fitted
         if self.residuals is not None:
             before, after = self.held_out(hypothesis.fit)
             before = before if known is None else self.held_out(known.fit)[1]
-            found += self._resized(before, after, self.residuals.layout, of_others)
+            changes += self._resized(before, after, self.residuals.layout, of_others)
             compared += sum(map(len, after)) / sum(map(len, hypothesis.fit.residuals))
-        windows = np.array(found).reshape(-1, 2)
+        windows = np.array(changes).reshape(-1, 2)
         whole = windows.sum(axis=0) + np.array([0.0, compared * (at.prior_cost - hypothesis.fit.prior_cost)])
         dropped = windows if len(windows) >= self.thresholds.many_windows else np.zeros((1, 2))
         besides, gained = (whole - dropped).T
@@ -262,7 +262,7 @@ class Validation:
         """Gains of each window in squared deviations: what the best multiple of a change in each of its signals would
         gain besides, and what the change gains. Windows that are not compared over the same time do not count, nor do
         signals of less than a share `of_others` of the largest squared change of a signal."""
-        found = []
+        costs = []
         for old, new, names in zip(before, after, layout, strict=True):
             if len(old) != len(new) or not len(new):
                 continue
@@ -271,8 +271,8 @@ class Validation:
             size = np.sum(change**2, axis=1)
             known = size > max(self.thresholds.unnoticed_change**2 * change.shape[1], of_others * float(size.max()))
             besides = float(np.sum(np.sum(rest[known] * change[known], axis=1) ** 2 / size[known]))
-            found.append((besides, cost([old]) - cost([new])))
-        return found
+            costs.append((besides, cost([old]) - cost([new])))
+        return costs
 
     @cached_property
     def on_another_road(self) -> bool:
@@ -283,7 +283,7 @@ class Validation:
         fitted, unseen = (set[float]().union(*map(passed, windows)) for windows in both)
         return 2 * len(fitted & unseen) < len(unseen)
 
-    def something_left_over(self) -> bool:
+    def something_unexplained(self) -> bool:
         """True if the base fit leaves more than a good model does, or its car gets lost on its own recordings."""
         return self.worst > self.thresholds.signal_off or bool(self.fitted.predictor.dataset.dropped)
 
@@ -326,7 +326,7 @@ class Validation:
         residuals.deviation |= self.fitted.deviation
         start = self.fitted.predictor.start
         try:
-            found = fit(
+            refitted = fit(
                 residuals,
                 start,
                 self.base.free_parameters,
@@ -337,7 +337,7 @@ class Validation:
         except DivergedError:
             return np.inf
         count = len(dataset.windows)
-        return max(self.fitted.worst(found[:count]), self.residuals.worst(found[count:]))
+        return max(self.fitted.worst(refitted[:count]), self.residuals.worst(refitted[count:]))
 
     def unmended(self, hypothesis: Hypothesis) -> str:
         """The signal that is furthest from a good model, where an explanation neither brings it near one nor at least
@@ -363,7 +363,7 @@ class Validation:
         parts = [(self.fitted, self.training(one.fit)[1], self.training(other.fit)[1])]
         if self.residuals is not None:
             parts.append((self.residuals, self.held_out(one.fit)[1], self.held_out(other.fit)[1]))
-        found = []
+        distances = []
         for residuals, mine, its in parts:
             if not all(map(_alike, mine, its)):
                 return []
@@ -372,8 +372,8 @@ class Validation:
                 sum(max(0.0, b[name] ** 2 - a[name] ** 2) / max(b[name], good[name]) ** 2 for name in good)
                 for a, b in ((left, there), (there, left))
             )
-            found.append((less, more))
-        return found
+            distances.append((less, more))
+        return distances
 
     def own_unmended(self, hypothesis: Hypothesis, known: Hypothesis | None) -> str:
         """The signal that an explanation changes most against a `known` one, or the base fit, if it comes neither near

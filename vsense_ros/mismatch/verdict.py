@@ -65,9 +65,9 @@ class Judged:
         others = self.instead_of(hypothesis, effect) - self.excluded
         left = max(1 - known, self.thresholds.least_gain)
         gain, other = (self.proven[hypothesis] - known) / left, (self._most(others) - known) / left
-        found = confidence(gain, other, self.thresholds)
+        certain = confidence(gain, other, self.thresholds)
         answer = {one for e in self.rivals for one in e.effects} | set(self.besides)
-        return found if effect in answer else min(found, self.thresholds.refused)
+        return certain if effect in answer else min(certain, self.thresholds.refused)
 
     def instead_of(self, hypothesis: Hypothesis, effect: str) -> set[Hypothesis]:
         """Explanations that have any other effect in place of one of a hypothesis."""
@@ -274,8 +274,8 @@ class _Judge:
     def nothing_known(self, leading: _Leading, term: Hypothesis | None) -> Judged:
         """The verdict that no known effect explains the difference; a term may describe what remains unexplained."""
         disagreed = leading.likeliest is not None and leading.leader is None
-        left_over = term is not None or disagreed or self.validation.something_left_over()
-        judged = self.said("unknown" if left_over else "no_mismatch", term)
+        unexplained = term is not None or disagreed or self.validation.something_unexplained()
+        judged = self.said("unknown" if unexplained else "no_mismatch", term)
         if leading.leader is None or term is None or not self.displaced(leading.leader, term):
             return judged
         outdone = leading.leader.effects

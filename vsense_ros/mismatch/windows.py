@@ -124,10 +124,10 @@ class Dataset:
 
     def places_by_recording(self) -> list[list[int]]:
         """Where among all windows those of each recording are that has some."""
-        found: dict[int, list[int]] = {}
+        places: dict[int, list[int]] = {}
         for index, window in enumerate(self.windows):
-            found.setdefault(window.recording, []).append(index)
-        return [found[number] for number in sorted(found)]
+            places.setdefault(window.recording, []).append(index)
+        return [places[number] for number in sorted(places)]
 
     def joined(self, other: Dataset) -> Dataset:
         """The windows of both, whose recordings are different ones."""
@@ -174,27 +174,27 @@ def build_dataset(
         name = recording.name or f"recording {index + 1}"
         readings = _readings(recording, name, sensors, on_map, remarks)
         used |= {sensor: sensors[sensor] for sensor in readings}
-        found_sensors = {sensor: sensors[sensor] for sensor in readings}
+        used_sensors = {sensor: sensors[sensor] for sensor in readings}
         silent = "; ".join(unheard(recording.channels, sensors.values(), vehicle.name))
         silent = f" ({silent})" if silent else ""
-        if best_measuring(found_sensors.items(), "steering") is None:
+        if best_measuring(used_sensors.items(), "steering") is None:
             remarks.append(f"{name}: no steering angle, which drives the model{silent}; {LEFT_OUT}")
             continue
-        speed = _speed(readings, found_sensors, vehicle)
+        speed = _speed(readings, used_sensors, vehicle)
         if speed is None:
             remarks.append(f"{name}: neither wheel speeds nor GNSS velocity{silent}; {LEFT_OUT}")
             continue
-        place = _place(road, speed, _of(readings, found_sensors, "position"))
-        headed, on_the_map = _headed(readings, found_sensors, speed)
+        place = _place(road, speed, _of(readings, used_sensors, "position"))
+        headed, on_the_map = _headed(readings, used_sensors, speed)
         outset = float(np.median(headed.value[:5]))
         if on_the_map:
             outset = sets_out = outset if sets_out is None else sets_out
         turned = Readings(headed.t, headed.value - outset)
-        inertial = _of(readings, found_sensors, "rates and forces")
+        inertial = _of(readings, used_sensors, "rates and forces")
         stretches = [
             replace(window, yaw_rate=_yaw_rate(inertial, window.begin) if inertial is not None else 0.0)
             for window in _windows(
-                index, name, readings, found_sensors, speed, headed, turned, place,
+                index, name, readings, used_sensors, speed, headed, turned, place,
                 [(cut.begin, cut.end) for cut in spoilt if cut.recording == index],
             )
         ]  # fmt: skip
@@ -219,11 +219,11 @@ def _readings(
     """The measurements of each sensor that has any; `remarks` gets why the messages of one cannot be used."""
     readings: dict[str, Readings] = {}
     for sensor, settings in sensors.items():
-        found = _read(recording, settings, on_map)
-        if isinstance(found, str):
-            remarks.append(f"{name}: nothing of {settings.topic} can be used: {found}")
-        elif found is not None:
-            readings[sensor] = found
+        read = _read(recording, settings, on_map)
+        if isinstance(read, str):
+            remarks.append(f"{name}: nothing of {settings.topic} can be used: {read}")
+        elif read is not None:
+            readings[sensor] = read
     return readings
 
 
@@ -249,14 +249,14 @@ def _at_one_time(t: Array, value: Array, older: Array) -> Array:
     """Values (n, m) at times (n,), of which components were measured earlier than these say, by so much (m,) [s]."""
     if not older.any():
         return value
-    found = value.copy()
+    interpolated = value.copy()
     for column in np.flatnonzero(older):
         present = np.isfinite(value[:, column])
         if present.sum() >= 2:
             at = t[present] - older[column]
-            found[:, column] = np.interp(t, at, value[present, column], np.nan, np.nan)
-            found[~present, column] = np.nan
-    return found
+            interpolated[:, column] = np.interp(t, at, value[present, column], np.nan, np.nan)
+            interpolated[~present, column] = np.nan
+    return interpolated
 
 
 def _of(readings: Mapping[str, Readings], sensors: Mapping[str, SensorBase], what: MeasuredQuantity) -> Readings | None:
@@ -271,12 +271,12 @@ def _speed(readings: Mapping[str, Readings], sensors: Mapping[str, SensorBase], 
         name = best_measuring(sensors.items(), what)
         if name is None:
             continue
-        found = readings[name]
-        value = sensors[name].speeds(found.value, rolling_radii(vehicle))
+        wheels = readings[name]
+        value = sensors[name].speeds(wheels.value, rolling_radii(vehicle))
         present = np.isfinite(value)
         if present.sum() < 2:
             continue
-        speed = Readings(found.t[present], value[present, None])
+        speed = Readings(wheels.t[present], value[present, None])
         inertial = _of(readings, sensors, "rates and forces")
         slow = what == "ground speed" and float(np.median(np.diff(speed.t))) > WINDOWS.slow_period
         return _between(speed, inertial) if slow and inertial is not None else speed
@@ -296,7 +296,7 @@ def _between(speed: Readings, imu: Readings) -> Readings:
     felt = cumulative_trapezoid(np.interp(t, at, force), t, initial=0)
     lasting = butter(1, WINDOWS.crossover, fs=1 / WINDOWS.grid, output="sos")
     rest = sosfiltfilt(lasting, np.interp(t, speed.t, speed.value[:, 0]) - felt)
-    known = _told(t, speed.t) & _told(t, at)
+    known = _without_gaps(t, speed.t) & _without_gaps(t, at)
     return Readings(t[known], (felt + rest)[known, None]) if known.sum() >= 2 else speed
 
 
@@ -377,8 +377,8 @@ def _windows(
         length = (end - begin - WINDOWS.run_in) / parts
         for part in range(parts):
             first, last = begin + part * length, begin + (part + 1) * length + WINDOWS.run_in
-            inside = {sensor: _cut(found, first - 1.0, last + 1.0) for sensor, found in readings.items()}
-            inside = {sensor: found for sensor, found in inside.items() if len(found.t) >= 2}
+            inside = {sensor: _cut(rows, first - 1.0, last + 1.0) for sensor, rows in readings.items()}
+            inside = {sensor: rows for sensor, rows in inside.items() if len(rows.t) >= 2}
             yield Window(
                 index, name, first, last, inside, _cut(speed, first - 1.0, last + 1.0),
                 _course(inside, sensors, first, headed), torques, _spanning(turned, first - 1.0, last + 1.0),
@@ -392,11 +392,11 @@ def _driving(
     """Stretches above the slowest speed, outside of what is spoilt, in which no needed signal has a gap."""
     grid = np.arange(speed.t[0], speed.t[-1], 0.05)
     good = np.interp(grid, speed.t, speed.value[:, 0]) > WINDOWS.slowest
-    for found in needed:
-        t = found.t[np.isfinite(found.value).all(axis=1)]
+    for rows in needed:
+        t = rows.t[np.isfinite(rows.value).all(axis=1)]
         if len(t) < 2:
             return
-        good &= (grid >= t[0]) & (grid <= t[-1]) & _told(grid, t)
+        good &= (grid >= t[0]) & (grid <= t[-1]) & _without_gaps(grid, t)
     for first, last in spoilt:
         good &= (grid < first) | (grid > last)
     for row, behind in stretches(good):
@@ -405,7 +405,7 @@ def _driving(
             yield begin, end
 
 
-def _told(t: Array, times: Array) -> NDArray[np.bool_]:
+def _without_gaps(t: Array, times: Array) -> NDArray[np.bool_]:
     """Which of the times (n,) are not within a gap between messages at other `times` (m,) [s]."""
     between = np.ones(len(t), dtype=bool)
     for gap in np.flatnonzero(np.diff(times) > WINDOWS.largest_gap):
