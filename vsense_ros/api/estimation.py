@@ -23,6 +23,8 @@ from vsense_ros.evaluate.drive import Drive
 from vsense_ros.evaluate.metrics import SignalScore, compare
 from vsense_ros.evaluate.reference import REFERENCE, as_smoothed, at_reference, judged_by, mounting_in_words
 from vsense_ros.evaluate.signals import read_signals
+from vsense_ros.identification.tyre_radii import radii_in
+from vsense_ros.messages.diagnostic import Diagnostic
 from vsense_ros.messages.recording import Recording
 from vsense_ros.model.sensors import unheard
 from vsense_ros.model.simulation.closed_loop import rolling_radii
@@ -182,10 +184,17 @@ def estimate_task(
         place, compared = mounting_in_words(car), replace(estimation, output=at_reference(estimation.output, car))
     else:
         place, compared = f"Compared with the topics {against}/….", estimation
+    compared = replace(compared, diagnostics=[*compared.diagnostics, *_of_long_horizon(recording, car)])
     notes = tuple(sentence for sentence in (place, *absent) if sentence)
     title = f"{recording.name}, {car.name}"
     drive = Drive.of(recording.name, title, recording, compared, vehicle=car, way="without ROS", notes=notes)
     return Result(drive, estimation.output, car, estimation.parameters, estimation.failure)
+
+
+def _of_long_horizon(recording: Recording, car: Vehicle) -> list[Diagnostic]:
+    """What filters of slowly changing quantities say at the end of a recording that has the sensors they need."""
+    tyres = radii_in(recording, car)
+    return [] if tyres is None else [tyres.diagnostic()]
 
 
 def check_filter(filter: str, *, smooth: bool = False, lag: float | None = None) -> None:
