@@ -88,6 +88,7 @@ setup(
         "vsense_ros.observer": [
             f"accelerator = {PACKAGE}.node.observer_accelerator:Accelerator",
             f"identification = {PACKAGE}.node.observer_identification:Identification",
+            f"mass = {PACKAGE}.node.observer_mass:Mass",
             f"tyres = {PACKAGE}.node.observer_tyres:Tyres",
         ],
     },

@@ -23,6 +23,7 @@ from vsense_ros.evaluate.drive import Drive
 from vsense_ros.evaluate.metrics import SignalScore, compare
 from vsense_ros.evaluate.reference import REFERENCE, as_smoothed, at_reference, judged_by, mounting_in_words
 from vsense_ros.evaluate.signals import read_signals
+from vsense_ros.identification.mass_and_grade import mass_in
 from vsense_ros.identification.tyre_radii import radii_in
 from vsense_ros.messages.diagnostic import Diagnostic
 from vsense_ros.messages.recording import Recording
@@ -193,8 +194,7 @@ def estimate_task(
 
 def _of_long_horizon(recording: Recording, car: Vehicle) -> list[Diagnostic]:
     """What filters of slowly changing quantities say at the end of a recording that has the sensors they need."""
-    tyres = radii_in(recording, car)
-    return [] if tyres is None else [tyres.diagnostic()]
+    return [found.diagnostic() for found in (radii_in(recording, car), mass_in(recording, car)) if found is not None]
 
 
 def check_filter(filter: str, *, smooth: bool = False, lag: float | None = None) -> None:
