@@ -202,6 +202,10 @@ def test_what_was_held_out_is_off_only_if_no_base_parameters_fit_it_and_the_rest
     residuals = Residuals(Predictor(vehicle, dataset))
     base = fit(residuals, residuals.predictor.start, base_parameters(vehicle))
     validation = Validation(unseen, vehicle, residuals, base)
-    assert residuals.worst(base.residuals) < THRESHOLDS.signal_off < validation.residuals.worst(validation.before)
+    assert (
+        residuals.worst(base.residuals)
+        < THRESHOLDS.signal_off
+        < validation.residuals.worst(validation.comparisons.before)
+    )
     assert validation.something_unexplained() == left_over
     assert validation.fits_together != left_over

@@ -112,7 +112,7 @@ def test_a_gain_that_lasts_elsewhere_is_named_and_one_that_does_not_is_not():
 
 def test_of_many_sizes_along_a_road_those_that_do_not_last_in_training_suit_what_was_held_out_by_chance():
     class Suited(Made):
-        on_another_road = False
+        comparisons = SimpleNamespace(on_another_road=False)
 
         def gain(self, hypothesis: Hypothesis) -> float:
             return 0.5
@@ -218,6 +218,7 @@ def validated(base: Fit, layout: list[list[str]]) -> Validation:
     """On a fit to windows with these signals, with nothing held out."""
     validation = Validation.__new__(Validation)
     validation.base, validation.fitted, validation.residuals = base, SimpleNamespace(layout=layout), None
+    validation.comparisons = SimpleNamespace(training=lambda fit: (base.residuals, fit.residuals))
     validation.leaves_a_trace = lambda _: True
     validation.thresholds = THRESHOLDS
     return validation
@@ -265,9 +266,7 @@ def test_a_rival_that_leaves_a_signal_further_off_and_none_nearer_is_excluded_ho
     class Compared(Validation):
         def __init__(self) -> None:
             self.fitted, self.residuals = fitted, None
-
-        def training(self, fitted: Fit) -> tuple[list[np.ndarray], list[np.ndarray]]:
-            return fitted.residuals, fitted.residuals
+            self.comparisons = SimpleNamespace(training=lambda fit: (fit.residuals, fit.residuals))
 
     class Known(Made):
         def nearer(self, one: Hypothesis, other: Hypothesis) -> list[tuple[float, float]]:
@@ -347,8 +346,10 @@ def test_the_worst_signal_is_to_be_mended_where_it_is_worst():
             worst=2.5,
             fitted=told,
             residuals=told,
-            held_out=lambda fit: (unseen, then),
-            training=lambda fit: ({"wheels": 2.5, "yaw rate": 1.0}, fit.residuals),
+            comparisons=SimpleNamespace(
+                held_out=lambda fit: (unseen, then),
+                training=lambda fit: ({"wheels": 2.5, "yaw rate": 1.0}, fit.residuals),
+            ),
         )
         return not Validation.unmended(validation, SimpleNamespace(fit=SimpleNamespace(residuals={"wheels": 1.2})))
 
@@ -371,7 +372,10 @@ def test_of_many_windows_the_one_that_speaks_most_against_an_effect_does_not_cou
     windows = [SimpleNamespace(name=f"drive {i}", begin=0.0, end=9.0) for i in range(len(left))]
     validation = validated(FITTED, [])
     validation.residuals = SimpleNamespace(predictor=SimpleNamespace(dataset=SimpleNamespace(windows=windows)))
-    validation.held_out = lambda fit: ([np.full(100, 2.0) for _ in left], [np.full(100, off) for off in left])
+    validation.comparisons.held_out = lambda fit: (
+        [np.full(100, 2.0) for _ in left],
+        [np.full(100, off) for off in left],
+    )
     found = explaining("wind", 0.5, 0.5)
     assert validation.gain(found) == pytest.approx(whole)
     assert validation.gains(found).of_most == pytest.approx(gain)
@@ -391,7 +395,7 @@ def test_what_joins_is_compared_on_the_windows_that_the_first_effect_is_judged_b
     found = {name: replace(explaining(name, 1.0, 1.0), fit=replace(FITTED)) for name in left}
     names = {id(one.fit): name for name, one in found.items()}
     validation.residuals = SimpleNamespace()
-    validation.held_out = lambda fit: (
+    validation.comparisons.held_out = lambda fit: (
         [np.full(100, 2.0) for _ in first], [np.full(100, off) for off in left[names[id(fit)]]]
     )  # fmt: skip
     assert validation.proven(found["drag + road"]) > validation.proven(found["drag"])
@@ -497,7 +501,6 @@ def test_an_effect_mends_the_worst_signal_beyond_what_a_road_shakes():
     base, fitted = (replace(FITTED, residuals=[np.array([float(i)])]) for i in range(2))
     validation = validated(base, [])
     validation.fitted = residuals
-    validation.training = lambda fit: (base.residuals, fit.residuals)
     assert residuals.furthest(base.residuals)[0] == "yaw_rate"
     assert not validation.unmended(replace(explaining("wind", 0.5, 0.5), fit=fitted))
 
@@ -676,7 +679,7 @@ def test_a_size_that_may_be_zero_is_doubted_whatever_it_explains():
 
 def test_a_road_that_changes_gives_way_to_one_size_that_leaves_no_more_than_a_good_model():
     class Level(Made):
-        on_another_road = False
+        comparisons = SimpleNamespace(on_another_road=False)
 
         def worst_after(self, hypothesis: Hypothesis) -> float:
             return 0.9 if hypothesis.effects == ("drag",) else 1.3

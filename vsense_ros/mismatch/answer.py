@@ -97,7 +97,7 @@ def _known_entry(known: Beforehand, shown: Fit, residuals: Residuals, validation
     trained = _lost(residuals, shown.residuals, without)
     unseen = None
     if validation.residuals is not None:
-        unseen = _lost(validation.residuals, validation.held_out(shown)[1], without)
+        unseen = _lost(validation.residuals, validation.comparisons.held_out(shown)[1], without)
     extra = effect.model_fields[known.field].json_schema_extra
     assert isinstance(extra, dict)
     half = NORMAL_90 * known.deviation
@@ -242,7 +242,7 @@ def errors(residuals: Residuals, base: Fit, shown: Fit, validation: Validation) 
     training = _before_and_after(residuals, base.residuals, shown.residuals)
     held_out: dict[str, Errors] = {}
     if validation.residuals is not None:
-        held_out = _before_and_after(validation.residuals, *validation.held_out(shown))
+        held_out = _before_and_after(validation.residuals, *validation.comparisons.held_out(shown))
     return {
         name: SignalErrors(unit=units[name], training=of_training, held_out=held_out.get(name))
         for name, of_training in training.items()

@@ -316,7 +316,7 @@ class _Explainer:
             term, judged = leader, replace(judged, verdict="named", partial=True)
         answer = self.answer.with_(
             verdict="named" if self.known and judged.verdict == "no_mismatch" else judged.verdict,
-            by_pieces=leader is not None and validation.by_pieces(leader.fit),
+            by_pieces=leader is not None and validation.comparisons.by_pieces(leader.fit),
             located=located(residuals, base, judged, validation, effects),
             effects=effects,
             answer_set=entries.answer_set(judged, self.known),
@@ -405,7 +405,7 @@ def _traces(search: Search, shown: Fit, validation: Validation) -> list[Trace]:
     residuals, base = search.residuals, search.base
     traces = entries.traces(residuals, base, residuals.predictor.simulated(shown.parameter_set), False)
     if validation.residuals is not None:
-        traces += entries.traces(validation.residuals, base, validation.simulated(shown), True)
+        traces += entries.traces(validation.residuals, base, validation.comparisons.simulated(shown), True)
     return traces
 
 
@@ -415,32 +415,32 @@ def _judged_with_further(
     """The verdict on single effects, on what explains more with further ones, and on terms without known physics."""
     least, unseen = max(threshold, THRESHOLDS.least_gain), bool(validation.recordings)
     newest = hypotheses
-    validation.compare(newest)
+    validation.comparisons.prepare(newest)
     while newest := search.further(newest, least, validation.proven, unseen):
-        validation.compare(newest)
+        validation.comparisons.prepare(newest)
         hypotheses = [*hypotheses, *newest]
         # Members that the first effect has chosen may be others once there are several: the next one joins the best.
         best = max(newest, key=validation.proven)
         if search.leaves_something(best.fit):
             exchanged = search.exchanged(best, hypotheses, EFFORT.exchanged_share)
-            validation.compare(exchanged)
+            validation.comparisons.prepare(exchanged)
             hypotheses = [*hypotheses, *exchanged]
             newest = [*newest, *(e for e in exchanged if len(e.candidates) == len(best.candidates))]
     described: list[Hypothesis] = []
     judged = judge(hypotheses, described, validation, search.with_profile, threshold)
     if search.leaves_something(judged.leader.fit if judged.leader is not None else search.base):
         described = search.described()
-        validation.compare(described)
+        validation.comparisons.prepare(described)
         judged = judge(hypotheses, described, validation, search.with_profile, threshold)
     if judged.rivals and len(judged.rivals[0].candidates) > 1:
         exchanged = search.exchanged(judged.rivals[0], hypotheses, THRESHOLDS.rival_share)
         if exchanged:
-            validation.compare(exchanged)
+            validation.comparisons.prepare(exchanged)
             hypotheses = [*hypotheses, *exchanged]
             judged = judge(hypotheses, described, validation, search.with_profile, threshold)
     if judged.in_doubt:
         joint = search.joint(judged.in_doubt)
-        validation.compare(joint)
+        validation.comparisons.prepare(joint)
         judged = judge([*hypotheses, *joint], described, validation, search.with_profile, threshold)
     return judged
 

@@ -133,8 +133,8 @@ def _most_off(residuals: Residuals, base: Fit, validation: Validation) -> tuple[
     """The residuals of the base fit in training; or held out, with words that say so, where only those are far from
     those of a good model."""
     unseen, off_from = validation.residuals, validation.thresholds.signal_off
-    if unseen is not None and residuals.worst(base.residuals) < off_from < unseen.worst(validation.before):
-        return unseen, validation.before, " on what was held out"
+    if unseen is not None and residuals.worst(base.residuals) < off_from < unseen.worst(validation.comparisons.before):
+        return unseen, validation.comparisons.before, " on what was held out"
     return residuals, base.residuals, ""
 
 

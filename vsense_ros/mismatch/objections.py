@@ -86,7 +86,7 @@ class Objections:
         along_road = any(candidate.along_road for candidate in e.candidates)
         if (
             along_road
-            and self.validation.on_another_road
+            and self.validation.comparisons.on_another_road
             and proven <= max(least, limits.lasting_share * e.gain) < e.score
         ):
             return ANOTHER_ROAD

@@ -44,7 +44,7 @@ def remarks(judged: Judged, evidence: Evidence) -> list[str]:
     """Remarks on an answer, in the order in which they are shown."""
     leader, validation = judged.leader, evidence.validation
     return [
-        *validation.lost(evidence.shown),
+        *validation.comparisons.lost(evidence.shown),
         *_on_validation(judged, evidence),
         *(() if leader is None else _on_leader(leader, judged, evidence)),
         *_on_what_else(judged),
@@ -79,7 +79,7 @@ def _on_leader(leader: Hypothesis, judged: Judged, evidence: Evidence) -> Iterat
         yield NO_COURSE
     if any(c.along_road for c in leader.candidates) and "gnss_position" not in evidence.kinds:
         yield NO_PLACE if judged.verdict == "ambiguous" else f"{NO_PLACE}: {IN_FILES}"
-    if evidence.validation.by_pieces(leader.fit):
+    if evidence.validation.comparisons.by_pieces(leader.fit):
         yield OWN_ROAD
 
 

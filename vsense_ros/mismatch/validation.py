@@ -11,10 +11,9 @@ from numpy.typing import NDArray
 
 from vsense_ros.identification.free_parameter import with_offsets
 from vsense_ros.identification.least_squares import DivergedError, Fit, Settings, cost, fit
-from vsense_ros.mismatch.cross_validation import is_long_enough_for_pieces, passed
+from vsense_ros.mismatch.comparisons import Comparisons
 from vsense_ros.mismatch.hypothesis import Hypothesis
 from vsense_ros.mismatch.residuals import Residuals
-from vsense_ros.mismatch.road_prediction import RoadPrediction, predict_road
 from vsense_ros.mismatch.simulation import LOST, Predictor
 from vsense_ros.mismatch.thresholds import THRESHOLDS, Thresholds
 from vsense_ros.mismatch.windows import Dataset
@@ -23,16 +22,6 @@ from vsense_ros.model.vehicle import Vehicle
 Array = NDArray[np.float64]
 
 JOINT_ITERATIONS = 3  # of a fit to all recordings, which begins where the base fit is
-
-
-@dataclass(frozen=True)
-class Comparison:
-    """Residuals of the base fit and of another one by window, over the same time."""
-
-    residuals: Residuals
-    fit: Fit
-    before: list[Array]
-    after: list[Array]
 
 
 @dataclass(frozen=True)
@@ -62,96 +51,18 @@ class Validation:
         thresholds: Thresholds = THRESHOLDS,
     ) -> None:
         """`dataset` is what was held out; `residuals` and `base` are those of the fit."""
-        self.residuals: Residuals | None = None
         self.thresholds, self._progress = thresholds, progress
         self.base, self.fitted = base, residuals
-        self._comparisons: list[Comparison] = []
-        self._roads: list[tuple[Fit, RoadPrediction]] = []
         self._traces: dict[Hypothesis, bool] = {}  # True where an explanation changes held-out recordings
         if dataset.windows:
             dataset = dataset.without(Predictor(vehicle, dataset).lost(base.parameter_set), LOST)
         self.remarks = dataset.remarks
         self.recordings = [windows[0].name for windows in dataset.by_recording()]  # of which something can be compared
+        self.residuals: Residuals | None = None
         if dataset.windows:
             self.residuals = Residuals(Predictor(vehicle, dataset))
             self.residuals.deviation |= residuals.deviation
-            self.before = self.residuals(base.parameter_set)
-
-    def compare(self, hypotheses: Sequence[Hypothesis]) -> None:
-        """Compare explanations on held-out recordings, several side by side: what is then asked of them is known."""
-        if self.residuals is None:
-            return
-        known = {id(one.fit) for one in self._comparisons if one.residuals is self.residuals}
-        fits = [e.fit for e in hypotheses if id(e.fit) not in known and self._road(e.fit) is None]
-        for begin in range(0, len(fits), self.residuals.at_once):
-            together = fits[begin : begin + self.residuals.at_once]
-            self.residuals.prepare([fitted.parameter_set for fitted in together])
-            for fitted in together:
-                self.held_out(fitted)
-
-    def held_out(self, fitted: Fit) -> tuple[list[Array], list[Array]]:
-        """Residuals of the base fit and of another one on held-out recordings, simulated once: in each window until the
-        car gets lost. If that leaves little, or nothing can be said of the fit, until the end, with those of the base
-        fit from there on. A road that no fit has seen is compared as its other pieces predict it."""
-        assert self.residuals is not None
-        if (there := self._road(fitted)) is not None:
-            return self.before, there.predicted(self.before)
-        return self._until_lost(self.residuals, self.before, fitted)
-
-    def training(self, fitted: Fit) -> tuple[list[Array], list[Array]]:
-        """Residuals before and after on the recordings that were fitted."""
-        return self._until_lost(self.fitted, self.base.residuals, fitted)
-
-    def simulated(self, fitted: Fit) -> list[dict[str, Array]]:
-        """Signals of each held-out window, as they are compared."""
-        assert self.residuals is not None
-        there = self._road(fitted)
-        return there.simulated() if there is not None else self.residuals.predictor.simulated(fitted.parameter_set)
-
-    def by_pieces(self, fitted: Fit) -> bool:
-        """True if a fit has estimated a road, and the held-out road is another, which is predicted by its own
-        pieces."""
-        return self._road(fitted) is not None
-
-    def _road(self, fitted: Fit) -> RoadPrediction | None:
-        if (
-            self.residuals is None
-            or not self.on_another_road
-            or not any(parameter.place for parameter in fitted.free_parameters)
-            or not is_long_enough_for_pieces(self.residuals.predictor.dataset)
-        ):
-            return None
-        known = next((there for of, there in self._roads if of is fitted), None)
-        if known is None:
-            known = predict_road(self.residuals, self.before, fitted)
-            self._roads.append((fitted, known))
-        return known
-
-    def _until_lost(self, residuals: Residuals, whole: list[Array], fitted: Fit) -> tuple[list[Array], list[Array]]:
-        """Residuals of the base fit and of another one until the car gets lost; `whole` are those of the base fit until
-        the end."""
-        known = next((one for one in self._comparisons if one.residuals is residuals and one.fit is fitted), None)
-        if known is None:
-            known = self._compared(residuals, whole, fitted)
-            self._comparisons.append(known)
-        return known.before, known.after
-
-    def _compared(self, residuals: Residuals, whole: list[Array], fitted: Fit) -> Comparison:
-        until = residuals.predictor.lost_from(fitted.parameter_set)
-        before = whole if np.isinf(until).all() else residuals.compared(self.base.parameter_set, until)
-        after = residuals.compared(fitted.parameter_set, until)
-        if sum(map(len, before)) < self.thresholds.least_compared * sum(map(len, whole)):
-            before, after = whole, residuals(fitted.parameter_set, whole)
-        return Comparison(residuals, fitted, before, after)
-
-    def lost(self, fitted: Fit) -> list[str]:
-        """Remarks on windows in which the car of a fit gets lost: they say nothing of it from there on."""
-        return [
-            f"{w.name}: from {lost:.0f} to {w.end:.0f} s what was found is not judged: {LOST}"
-            for predictor in (r.predictor for r in (self.fitted, self.residuals) if r is not None)
-            for w, lost in zip(predictor.dataset.windows, predictor.lost_from(fitted.parameter_set), strict=True)
-            if np.isfinite(lost)
-        ]
+        self.comparisons = Comparisons(residuals, self.residuals, base, thresholds.least_compared)
 
     def gains(self, hypothesis: Hypothesis) -> ValidationGains | None:
         """What an explanation gains on held-out recordings. None without any, and where its effects would leave no
@@ -171,7 +82,7 @@ class Validation:
             sizes = [parameter.name in hypothesis.sizes for parameter in at.free_parameters]
             start = self.fitted.predictor.start
             without = with_offsets(start, at.free_parameters, np.where(sizes, 0.0, at.offsets))
-            both = (self.residuals(one, self.before) for one in (at.parameter_set, without))
+            both = (self.residuals(one, self.comparisons.before) for one in (at.parameter_set, without))
             change = self.residuals.deviations([one - other for one, other in zip(*both, strict=True)])
             self._traces[hypothesis] = max(change.values(), default=0.0) > self.thresholds.unnoticed_change
         return self._traces[hypothesis]
@@ -180,7 +91,7 @@ class Validation:
         """The gains of an explanation on held-out recordings, whether or not it changes them. None without any."""
         if self.residuals is None:
             return None
-        before, after = self.held_out(hypothesis.fit)
+        before, after = self.comparisons.held_out(hypothesis.fit)
         rows = np.array([len(r) for r in after])
         share = rows / sum(len(r) for r in self.base.residuals)  # of what was fitted
         value = np.array([cost([r]) for r in before]) + share * self.base.prior_cost
@@ -246,8 +157,8 @@ class Validation:
         changes = self._resized(at.residuals, hypothesis.fit.residuals, self.fitted.layout, of_others)
         compared = 1.0  # residuals that are compared, over those that were fitted
         if self.residuals is not None:
-            before, after = self.held_out(hypothesis.fit)
-            before = before if known is None else self.held_out(known.fit)[1]
+            before, after = self.comparisons.held_out(hypothesis.fit)
+            before = before if known is None else self.comparisons.held_out(known.fit)[1]
             changes += self._resized(before, after, self.residuals.layout, of_others)
             compared += sum(map(len, after)) / sum(map(len, hypothesis.fit.residuals))
         windows = np.array(changes).reshape(-1, 2)
@@ -274,15 +185,6 @@ class Validation:
             costs.append((besides, cost([old]) - cost([new])))
         return costs
 
-    @cached_property
-    def on_another_road(self) -> bool:
-        """True if most of the held-out road is not that of what was fitted."""
-        if self.residuals is None:
-            return False
-        both = (self.fitted.predictor.dataset.windows, self.residuals.predictor.dataset.windows)
-        fitted, unseen = (set[float]().union(*map(passed, windows)) for windows in both)
-        return 2 * len(fitted & unseen) < len(unseen)
-
     def something_unexplained(self) -> bool:
         """True if the base fit leaves more than a good model does, or its car gets lost on its own recordings."""
         return self.worst > self.thresholds.signal_off or bool(self.fitted.predictor.dataset.dropped)
@@ -296,16 +198,16 @@ class Validation:
         another way with base parameters that are a little different, and where some fit both, no physics is missing.
         """
         here = self.fitted.worst(self.base.residuals)
-        there = self.residuals.worst(self.before) if self.residuals is not None else 0.0
+        there = self.residuals.worst(self.comparisons.before) if self.residuals is not None else 0.0
         return max(here, there) if self._worst_of_both is None else min(there, self._worst_of_both)
 
     def worst_after(self, hypothesis: Hypothesis) -> float:
         """How far the signal that an explanation leaves furthest off is from a good model, in training or held out, in
         deviations."""
-        here = self.fitted.worst(self.training(hypothesis.fit)[1])
+        here = self.fitted.worst(self.comparisons.training(hypothesis.fit)[1])
         if self.residuals is None:
             return here
-        return max(here, self.residuals.worst(self.held_out(hypothesis.fit)[1]))
+        return max(here, self.residuals.worst(self.comparisons.held_out(hypothesis.fit)[1]))
 
     @property
     def fits_together(self) -> bool:
@@ -317,7 +219,7 @@ class Validation:
         """`worst` of base parameters fitted to all recordings; None unless only held-out recordings are off."""
         off = self.thresholds.signal_off
         if self.residuals is None or not (
-            self.residuals.worst(self.before) > off >= self.fitted.worst(self.base.residuals)
+            self.residuals.worst(self.comparisons.before) > off >= self.fitted.worst(self.base.residuals)
         ):
             return None
         dataset = self.fitted.predictor.dataset
@@ -347,9 +249,9 @@ class Validation:
         if self.worst <= off_from:
             return ""
         residuals = self.fitted
-        before, after = self.training(hypothesis.fit)
+        before, after = self.comparisons.training(hypothesis.fit)
         if self.residuals is not None:
-            unseen = self.held_out(hypothesis.fit)
+            unseen = self.comparisons.held_out(hypothesis.fit)
             if self.residuals.worst(unseen[0]) > residuals.worst(before):
                 residuals, (before, after) = self.residuals, unseen
         worst, off = residuals.furthest(before)
@@ -360,9 +262,10 @@ class Validation:
         """How much less of each signal's squared error one explanation leaves than another, as a share of what that
         leaves or a good model would, summed over the signals in which it leaves less; and the same the other way round.
         In training and held out; empty where the two cannot be compared over the same time."""
-        parts = [(self.fitted, self.training(one.fit)[1], self.training(other.fit)[1])]
+        compared = self.comparisons
+        parts = [(self.fitted, compared.training(one.fit)[1], compared.training(other.fit)[1])]
         if self.residuals is not None:
-            parts.append((self.residuals, self.held_out(one.fit)[1], self.held_out(other.fit)[1]))
+            parts.append((self.residuals, compared.held_out(one.fit)[1], compared.held_out(other.fit)[1]))
         distances = []
         for residuals, mine, its in parts:
             if not all(map(_alike, mine, its)):
@@ -378,10 +281,12 @@ class Validation:
     def own_unmended(self, hypothesis: Hypothesis, known: Hypothesis | None) -> str:
         """The signal that an explanation changes most against a `known` one, or the base fit, if it comes neither near
         that of a good model nor much closer to it, in training or held out; empty where it does."""
-        parts = [(self.fitted, self.training(hypothesis.fit), None if known is None else self.training(known.fit))]
+        compared = self.comparisons
+        known_training = None if known is None else compared.training(known.fit)
+        parts = [(self.fitted, compared.training(hypothesis.fit), known_training)]
         if self.residuals is not None:
-            known_unseen = None if known is None else self.held_out(known.fit)
-            parts.append((self.residuals, self.held_out(hypothesis.fit), known_unseen))
+            known_unseen = None if known is None else compared.held_out(known.fit)
+            parts.append((self.residuals, compared.held_out(hypothesis.fit), known_unseen))
         for residuals, (before, after), of_known in parts:
             if of_known is not None and all(map(_alike, of_known[1], after)):
                 before = of_known[1]
