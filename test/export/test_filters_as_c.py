@@ -25,9 +25,9 @@ from vsense_ros.files.vehicle import load_vehicle
 from vsense_ros.messages.recording import Recording
 from vsense_ros.model.sensors import GnssAttitude
 from vsense_ros.model.vehicle import Vehicle
-from vsense_ros.navigation.aided import usable
 from vsense_ros.navigation.car_numbers import car_numbers
 from vsense_ros.navigation.catalogue import DEFINITIONS, FILTERS
+from vsense_ros.navigation.reading_use import usable
 
 ROOT = Path(__file__).resolve().parents[2]
 OF_CAR = ("error_ekf", "spi")  # which test_c.py compares

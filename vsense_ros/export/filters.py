@@ -34,14 +34,16 @@ from vsense_ros.export.sources import (
 from vsense_ros.files.names import harmless
 from vsense_ros.model.sensors import SensorBase
 from vsense_ros.model.vehicle import Vehicle
-from vsense_ros.navigation.aided import NEVER, Aided, Memory, Use, usable
+from vsense_ros.navigation.aided import NEVER, Aided
 from vsense_ros.navigation.car_numbers import car_numbers
 from vsense_ros.navigation.catalogue import DEFINITIONS, FILTERS
 from vsense_ros.navigation.heading_bank import HYPOTHESES, HeadingBank
+from vsense_ros.navigation.memory import Memory
+from vsense_ros.navigation.reading_use import Use, usable
 from vsense_ros.navigation.readings import SLOWEST_COURSE, SPEED, SPIN_SLIP, Components, RollingSpeed
 from vsense_ros.navigation.space import NavigationSpace
 
-_INCLUDED = ("estimation/algebra.c", "codegen/kernel.c", "estimation/found.c", "estimation/ekf.c")
+_INCLUDED = ("estimation/algebra.c", "codegen/kernel.c", "estimation/innovation.c", "estimation/ekf.c")
 _READINGS = "navigation/readings.c"
 _ALONE = "one"  # what a part is called in C that is the whole filter
 _AT_PART = ("mean", "inputs", "parameters")

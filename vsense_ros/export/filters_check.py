@@ -18,10 +18,11 @@ from vsense_ros.export.same_calls import Difference, ExportedFilter, lead, relat
 from vsense_ros.messages.recording import Recording
 from vsense_ros.model.sensors import SensorBase
 from vsense_ros.model.vehicle import Vehicle
-from vsense_ros.navigation.aided import Aided, usable
+from vsense_ros.navigation.aided import Aided
 from vsense_ros.navigation.car_numbers import car_numbers
 from vsense_ros.navigation.catalogue import DEFINITIONS, FILTERS
 from vsense_ros.navigation.heading_bank import HeadingBank
+from vsense_ros.navigation.reading_use import usable
 from vsense_ros.navigation.space import filters_of, parameters_of
 from vsense_ros.runner import Runner
 

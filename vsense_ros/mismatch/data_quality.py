@@ -117,7 +117,7 @@ def faults_of(recording: Recording, vehicle: Vehicle) -> list[Finding]:
     """What would mend signs, axes and units of a recording that cannot be right, with sensors as the file has them."""
     sensors = vehicle.sensing()
     mounted = {s.topic for s in sensors.values() if recording_turned(recording, s)}
-    topics = {s.topic for s in sensors.values() if s.is_compared} - mounted
+    topics = {s.topic for s in sensors.values() if _is_compared(s)} - mounted
     radius = float(np.mean(rolling_radii(vehicle)))
     findings = mends(_as_mounted(recording, sensors), topics_of(sensors.values()), radius)
     return [finding for finding in findings if finding.topic in topics]
@@ -140,7 +140,7 @@ def faults_in_words(recordings: Sequence[Recording], faults: Sequence[Sequence[F
 
 def steps_in_words(recordings: Sequence[Recording], vehicle: Vehicle) -> list[str]:
     """By recording, which compared signals come in coarse steps or are sent more often than they are measured."""
-    sensors = [sensor for sensor in vehicle.sensing().values() if sensor.is_compared]
+    sensors = [sensor for sensor in vehicle.sensing().values() if _is_compared(sensor)]
     topics = {sensor.topic for sensor in sensors}
     return [
         f"{recording.name}, {finding.topic}: {sentence(finding)}"
@@ -233,7 +233,7 @@ def _given_twice(recordings: Sequence[Recording]) -> Iterator[str]:
 
 
 def _twins(sensors: Mapping[str, SensorBase]) -> Iterator[str]:
-    for kind in sorted({sensor.kind for sensor in sensors.values() if sensor.is_compared}):
+    for kind in sorted({sensor.kind for sensor in sensors.values() if _is_compared(sensor)}):
         names = [name for name, sensor in sensors.items() if sensor.kind == kind]
         if len(names) > 1:
             yield (
@@ -251,7 +251,7 @@ def _units(
         subject = Subject(_as_mounted(recording, sensors), topics_of(sensors.values()), radius)
         signs = run((turning, axes_in_plane), subject)
         for finding in (*run(OF_UNITS, subject), *(one for one in signs if _is_sure(one))):
-            if finding.topic in {sensor.topic for sensor in sensors.values() if sensor.is_compared}:
+            if finding.topic in {sensor.topic for sensor in sensors.values() if _is_compared(sensor)}:
                 reason = f"in {recording.name}, {finding.topic}: {sentence(finding)}"
                 of_itself = recording.name if driven and recording.name not in driven else ""
                 yield Hindrance(reason, finding.topic, COMPONENTS_OF.get(finding.signal, ()), of_itself)
@@ -449,3 +449,8 @@ def _speed(t: Array, window: Window, sensors: Mapping[str, SensorBase], what: Me
 def _mean(at: Array, t: Array, value: Array) -> Array:
     """Means over half a second around the times `at`; NaN where there is nothing."""
     return means_around(at, t, value, SETTINGS.smooth)
+
+
+def _is_compared(sensor: SensorBase) -> bool:
+    """True if a simulation needs the sensor, or is compared with it: then one of its kind is enough."""
+    return bool(sensor.signals) or sensor.is_input

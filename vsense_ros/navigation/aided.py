@@ -4,50 +4,34 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from math import isfinite, nan
-from typing import Any, NamedTuple
+from typing import Any
 
 import casadi as ca
 import numpy as np
 
 from vsense_ros import codegen
 from vsense_ros.codegen import Kernel
-from vsense_ros.errors import InputError
 from vsense_ros.estimation.cascade import Cascade
 from vsense_ros.estimation.filter import Array, Filter, Gaussian, Innovation, Kept, Step, largest_nis
-from vsense_ros.estimation.state_space import Named, Symbols, expression
-from vsense_ros.model.sensors import SensorBase, words_of
+from vsense_ros.estimation.state_space import Symbols
+from vsense_ros.model.sensors import SensorBase
+from vsense_ros.navigation.memory import memories_of
+from vsense_ros.navigation.reading_use import Use, check_sensors, speed_from
 from vsense_ros.navigation.readings import (
-    CONDITIONS_AT,
     INPUTS,
-    MEASUREMENTS,
     NOISE_OF_INPUTS,
     SINCE_FIX,
     SPEED,
     Components,
-    RollingSpeed,
-    travelling_speed,
 )
 from vsense_ros.navigation.reckoning import AXES, Reckoning
-from vsense_ros.navigation.space import Definition, Remembered, filters_of, parameters_of
+from vsense_ros.navigation.space import Definition, error_names, filters_of, parameters_of
 
 _NOTHING = Innovation(np.zeros(0), np.zeros((0, 0)), 0.0, True)
 _BEYOND = 1.01  # times the largest normalized innovation squared, of a reading that is refused
 
 
 NEVER = 1e6  # [s] since the last fix, where there has been none
-
-
-class Use(NamedTuple):
-    """What a reading is used for: inputs by (place in the filter, place in the reading), the input `speed`, remembered
-    inputs, measurements by name with how they are made, the largest normalized innovation squared that is believed and
-    their usual variances, and conditions with zeros and variances."""
-
-    inputs: tuple[tuple[int, int], ...]
-    speed: Callable[[Array], float] | None
-    remembered: tuple[Memory, ...]
-    measurements: tuple[tuple[str, Callable[[Array, Array], tuple[Array, Array]], float, Array], ...]
-    conditions: tuple[tuple[str, Array, Array], ...]
-    gate: float
 
 
 class Aided(Filter):
@@ -88,58 +72,23 @@ class Aided(Filter):
         self._noise = [_variances(names, numbers) for names in names_of_parts]
         self._reckoned = [_inertial_inputs(names) for names in names_of_parts]
         self._takes = {key: self.reckoning.takes(source) if self.reckoning else None for key, source in sensors.items()}
-        self._check(sensors)
+        check_sensors(name, definition, self.input_names, sensors)
         self.since_fix = self.input_names.index(SINCE_FIX) if SINCE_FIX in self.input_names else None
         self.restart_clock()
         radius = numbers.get("rolling_radius", 0.3)
-        self.use = {key: self._use(sensor, _speed_of(sensor, sensors, radius)) for key, sensor in sensors.items()}
+        memories = memories_of(definition, self.filter, self.input_names, sensors)
+        self.use = {
+            key: Use.of(sensor, definition, self.input_names, memories, speed_from(sensor, sensors, radius))
+            for key, sensor in sensors.items()
+        }
         numbers_each = len(AXES) + len(self.conditions)
         self._factor = np.eye(numbers_each)  # of the newest inertial innovation
         self._deviations = self._factor.reshape(-1)[:: numbers_each + 1]  # its diagonal
         self.fixes = {key for key, sensor in sensors.items() if "course" in sensor.measures}
 
-    def _check(self, sensors: Mapping[str, SensorBase]) -> None:
-        measured: set[str] = {quantity for sensor in sensors.values() for quantity in sensor.measures}
-        kinds = ", ".join(sorted({words_of(sensor.kind) for sensor in sensors.values()})) or "none"
-        for name in self.input_names:
-            source = INPUTS.get(name)
-            if source is not None and source.measures not in measured:
-                raise InputError(
-                    f"the filter {self.name!r} needs the input {name}, of a sensor that measures {source.measures!r}; "
-                    f"the vehicle file lists {kinds}"
-                )
-        names = [measurement.name for measurement in self.definition.measurements if measurement.name in MEASUREMENTS]
-        if names and not any(MEASUREMENTS[name].measures in measured for name in names):
-            raise InputError(
-                f"the filter {self.name!r} is corrected by {', '.join(names)}, of a sensor that measures "
-                f"{MEASUREMENTS[names[0]].measures!r}; the vehicle file lists {kinds}"
-            )
-
-    def _use(self, sensor: SensorBase, speed: Callable[[Array], float] | None) -> Use:
-        measured, gate = sensor.measures, sensor.gate
-        inputs = tuple(
-            (i, INPUTS[name].places[0])
-            for i, name in enumerate(self.input_names)
-            if name in INPUTS and INPUTS[name].measures in measured
-        )
-        measurements, conditions = [], []
-        for measurement in self.definition.measurements:
-            source = MEASUREMENTS.get(measurement.name)
-            if source is not None and source.measures in measured:
-                limit = largest_nis(gate, len(measurement.deviations)) if sensor.deviations().any() else np.inf
-                measurements.append((measurement.name, source.of, limit, measurement.variances))
-            elif source is None and CONDITIONS_AT in measured:
-                conditions.append((measurement.name, np.zeros(len(measurement.deviations)), measurement.variances))
-        remembered = tuple(
-            Memory(quantity, self) for quantity in self.definition.remembered if quantity.measures in measured
-        )
-        speed = speed if SPEED in self.input_names else None
-        return Use(inputs, speed, remembered, tuple(measurements), tuple(conditions), gate)
-
     def uses(self, sensor: str) -> bool:
         """True if readings of this sensor do anything."""
-        use = self.use[sensor]
-        return bool(use.inputs or use.speed or use.remembered or use.measurements or use.conditions)
+        return self.use[sensor].does_something
 
     def needs(self, sensor: SensorBase) -> bool:
         """True if any input depends on what this sensor measures."""
@@ -258,7 +207,7 @@ class Aided(Filter):
             if place >= len(part.names):
                 place -= len(part.names)
                 continue
-            error = self._error_names(part).index(name.rpartition(".")[2])
+            error = error_names(part).index(name.rpartition(".")[2])
             for ekf in getattr(part, "bank", [part]):
                 ekf.mean[place] += by
                 ekf.covariance[error, :] = ekf.covariance[:, error] = 0.0
@@ -267,16 +216,8 @@ class Aided(Filter):
                 part.mix()
             return
 
-    @staticmethod
-    def _error_names(part: Any) -> tuple[str, ...]:
-        system = part.system
-        return tuple(getattr(system, "system", system).error_names)
-
     def give_reading(self, sensor: str, value: Array) -> None:
         """Take the inputs of a reading (m,); NaN leaves one as it is."""
-        self._give(sensor, value)
-
-    def _give(self, sensor: str, value: Array) -> None:
         use = self.use[sensor]
         numbers, inputs = value.tolist(), self.inputs
         for place, component in use.inputs:
@@ -300,24 +241,17 @@ class Aided(Filter):
         worst, accepted, innovation = 0.0, True, _NOTHING
         for name, make, own_limit, usual in use.measurements:
             innovation = self._measure(
-                name, make(value, variance), usual, self._most(use, own_limit, limit, len(value)), scale
+                name, make(value, variance), usual, use.largest(own_limit, limit, len(value)), scale
             )
             share = innovation.nis / own_limit * largest_nis(use.gate, len(value)) if isfinite(own_limit) else 0.0
             worst = share if not share <= worst else worst
             accepted = accepted and (innovation.accepted or innovation.nis < 0)
-        self._give(sensor, value)
+        self.give_reading(sensor, value)
         if self.since_fix is not None and sensor in self.fixes and accepted and isfinite(value[0]):
             self.inputs[self.since_fix] = 0.0
         for name, nothing, variances in use.conditions:
             self.filter.correct(name, nothing, variances)
         return Innovation(innovation.whitened, innovation.factor, worst, accepted)
-
-    @staticmethod
-    def _most(use: Use, own_limit: float, limit: float, components: int) -> float:
-        """The largest normalized innovation squared believed of a measurement, for that of its sensor."""
-        if not (isfinite(limit) and isfinite(own_limit)):
-            return np.inf
-        return own_limit * (limit / largest_nis(use.gate, components))
 
     def _measure(
         self, name: str, reading: tuple[Array, Array], usual: Array, largest: float, scale: float
@@ -345,13 +279,13 @@ class Aided(Filter):
         for memory in use.remembered:
             memory.renew(value)
         for name, make, own_limit, usual in use.measurements:
-            largest_nis_of_measurement = self._most(use, own_limit, limit, len(value))
+            largest_nis_of_measurement = use.largest(own_limit, limit, len(value))
             innovation = self._measure(name, make(value, variance), usual, largest_nis_of_measurement, scale)
             for k, place in enumerate(_places(make)):
                 whitened[place], deviations[place] = innovation.whitened.item(k), innovation.factor.item(k, k)
                 if not innovation.accepted and innovation.nis >= 0:
                     refused.append(place)
-        self._give(sensor, value)
+        self.give_reading(sensor, value)
         worst = -1.0
         for distance in whitened:
             if distance * distance > worst:
@@ -408,38 +342,6 @@ class OfAxes:
                 covariance += kernel.results[0]
 
 
-class Memory:
-    """A `Remembered` of a filter, with its function."""
-
-    def __init__(self, remembered: Remembered, filter: Aided) -> None:
-        names = list(filter.definition.parts)
-        part = filters_of(filter.filter)[names.index(remembered.part)]
-        symbols = Symbols(filter.definition.parts[remembered.part][0])
-        value = ca.SX.sym("value", 6 if remembered.measures == "rates and forces" else 2)
-        errors = symbols.system.error_names
-        covariance = ca.SX.sym("covariance", len(errors), len(errors))
-        variance = Named(ca.diag(covariance), errors, "element of the error")
-        remembered_inputs = remembered.equation(symbols.x, symbols.u, symbols.theta, value, variance)
-        self.remembered, self._part, self._parameters = remembered, part, parameters_of(part)
-        self.places = [filter.input_names.index(name) for name in remembered_inputs]  # among the inputs of all parts
-        self.own = [symbols.system.inputs.index(name) for name in remembered_inputs]  # among those of the part
-        self._inputs, self._value = filter.inputs, np.zeros(value.numel())
-        results = [expression(list(remembered_inputs.values()))]
-        arguments = [*symbols.now, value, covariance]
-        self.function = codegen.function("remembered", arguments, results, ("x", "u", "p", "value", "covariance"))
-        bound = [part.mean, part.inputs, self._parameters, self._value, part.covariance.reshape(-1)]
-        self._kernel = Kernel(self.function, bound)
-
-    def renew(self, value: Array) -> None:
-        """Renew the remembered inputs by a reading (m,)."""
-        self._value[:] = value
-        self._kernel.call()
-        values = self._kernel.results[0][:, 0]
-        if np.isfinite(values).all():
-            self._inputs[self.places] = values
-            self._part.inputs[self.own] = values
-
-
 def _places(make: Callable[[Array, Array], tuple[Array, Array]]) -> list[int]:
     """Components of a reading that a measurement consists of."""
     return make.places if isinstance(make, Components) else []
@@ -453,19 +355,3 @@ def _variances(names: Sequence[str], numbers: Mapping[str, float]) -> Array:
 def _inertial_inputs(names: Sequence[str]) -> list[tuple[int, int]]:
     """The place of each input that is an axis of an inertial sensor, and the number of the axis."""
     return [(i, AXES.index(name)) for i, name in enumerate(names) if name in AXES]
-
-
-def usable(sensors: Mapping[str, SensorBase]) -> dict[str, SensorBase]:
-    """The sensors that any filter of this package could use."""
-    measurable = {source.measures for source in INPUTS.values()} | {source.measures for source in MEASUREMENTS.values()}
-    return {key: sensor for key, sensor in sensors.items() if not measurable.isdisjoint(sensor.measures)}
-
-
-def _speed_of(sensor: SensorBase, sensors: Mapping[str, SensorBase], radius: float) -> Callable[[Array], float] | None:
-    """How a reading gives the input `speed`, if it is this sensor that does."""
-    rolling = any("rolling speed" in other.measures for other in sensors.values())
-    if rolling and "rolling speed" in sensor.measures:
-        return RollingSpeed(radius)
-    if not rolling and "course" in sensor.measures:
-        return travelling_speed
-    return None

@@ -11,8 +11,9 @@ from vsense_ros.estimation.catalogue import Catalogue, FilterFamily
 from vsense_ros.model.sensors import SensorBase
 from vsense_ros.model.vehicle import Vehicle
 from vsense_ros.navigation import heading_bank, inertial, integrated, strapdown, yaw_kkf
-from vsense_ros.navigation.aided import Aided, usable
+from vsense_ros.navigation.aided import Aided
 from vsense_ros.navigation.car_numbers import car_numbers
+from vsense_ros.navigation.reading_use import usable
 from vsense_ros.navigation.space import Definition
 from vsense_ros.navigation.thesis.catalogue import THESIS
 

@@ -179,3 +179,9 @@ def filters_of(filter: Filter) -> tuple[Any, ...]:
 def parameters_of(part: Any) -> Array:
     """Parameters (p,) of a filter of one state space."""
     return np.asarray(part.system.parameters if hasattr(part.system, "memory") else part.parameters)
+
+
+def error_names(part: Any) -> tuple[str, ...]:
+    """Names of the elements of the error of one of a filter's parts."""
+    system = part.system
+    return tuple(getattr(system, "system", system).error_names)

@@ -19,12 +19,13 @@ def sensors_of(vehicle: Vehicle) -> dict[str, SensorBase]:
 def check_sensors(vehicle: Vehicle, sensors: Mapping[str, SensorBase]) -> None:
     """Raises `InputError` if no sensor measures the car's speed, or its steering angle."""
     kinds = sorted({sensor.kind for sensor in sensors.values()}) or "none"
-    for quantity, measures in (
-        ("the car's speed", SensorBase.measures_speed),
-        ("how the car turns", SensorBase.measures_turning),
-    ):
-        if not any(measures.__get__(sensor) for sensor in sensors.values()):
-            able = " or ".join(name for name, kind in KINDS.items() if measures.__get__(kind.model_construct()))
+    needed = {
+        "the car's speed": {"rolling speed", "ground speed"},
+        "how the car turns": {"steering", "rates and forces"},
+    }
+    for quantity, any_of in needed.items():
+        if all(sensor.measures.isdisjoint(any_of) for sensor in sensors.values()):
+            able = " or ".join(name for name, kind in KINDS.items() if not kind.measures.isdisjoint(any_of))
             raise InputError(
                 f"{vehicle.name}: no sensor measures {quantity}; the vehicle file lists {kinds}, one of {able} is "
                 "needed"

@@ -12,6 +12,7 @@ from vsense_ros.runner.adapter import Adapter
 from vsense_ros.runner.guard import Guard
 from vsense_ros.runner.judge import Judges
 from vsense_ros.runner.placement import Place, Placement
+from vsense_ros.runner.receiver_judge import noisier_in_words
 from vsense_ros.runner.resets import Resets
 from vsense_ros.runner.vote import Vote
 
@@ -49,12 +50,12 @@ class Diagnosed(Protocol):
 
 def lines(runner: Diagnosed, now: int) -> list[Diagnostic]:
     """One line for the observer and one for each sensor; `now` [ns] on the clock of arrivals."""
-    found = [_own_line(runner), *runner.adapter.diagnostics()]
+    diagnostics = [_own_line(runner), *runner.adapter.diagnostics()]
     for i, ((name, sensor), health) in enumerate(zip(runner.sensors.items(), runner.intake.health, strict=True)):
         line = health.diagnostic(name, sensor, now)
         figures = {what: value for judge in runner.judges for what, value in judge.figures(i).items()}
-        found.append(_sensor_line(runner, i, replace(line, values={**line.values, **figures})))
-    return found
+        diagnostics.append(_sensor_line(runner, i, replace(line, values={**line.values, **figures})))
+    return diagnostics
 
 
 def _own_line(runner: Diagnosed) -> Diagnostic:
@@ -101,7 +102,7 @@ def _sensor_line(runner: Diagnosed, index: int, line: Diagnostic) -> Diagnostic:
         return line
     absent = _absent(runner, index) if axes is None else axes.absent
     doubts = [f"without {', '.join(absent)}"] if absent else []
-    doubts += runner.intake.sensors[index].noisier_in_words(runner.intake.health[index].noisier)
+    doubts += noisier_in_words(runner.intake.sensors[index].components, runner.intake.health[index].noisier)
     doubts += [doubt for doubt in (runner.adapter.doubt(line.name), *(j.doubt(index) for j in runner.judges)) if doubt]
     return Diagnostic(line.name, Level.WARN, ", ".join(["in use", *doubts]), line.values) if doubts else line
 

@@ -16,6 +16,7 @@ from __future__ import annotations
 
 from bisect import bisect_left, insort
 from collections import deque
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from math import cos, isfinite, sin
 from operator import itemgetter
@@ -25,7 +26,7 @@ from numpy.typing import NDArray
 
 from vsense_ros.checks.noise import white_noise
 from vsense_ros.estimation.timeline import Event, Timeline
-from vsense_ros.model.sensors import place_of
+from vsense_ros.model.sensors import Component, place_of
 from vsense_ros.runner.adapter import Adapter, Apart
 from vsense_ros.runner.judge import Judge
 
@@ -76,6 +77,15 @@ class _Noise:
         self.more = {i: pair for i, pair in pairs if pair[0] > RECEIVER.noisier * pair[1]}
 
 
+def noisier_in_words(components: Sequence[Component], noisier: Mapping[int, tuple[float, float]]) -> list[str]:
+    """Components of a sensor that are noisier than stated, in words, from their estimated and their stated standard
+    deviations."""
+    return [
+        f"noise of {components[i].words} {estimated:.2g}, stated {stated:.2g} {components[i].unit}"
+        for i, (estimated, stated) in noisier.items()
+    ]
+
+
 class ReceiverJudge(Judge):
     """The noise of the positions and velocities of one car, of which nobody is left out."""
 
@@ -84,7 +94,7 @@ class ReceiverJudge(Judge):
         self._adapter = adapter
         sensors = tuple(adapter.sensors.values())
         self._position, self._velocity = place_of(sensors, "position"), place_of(sensors, "course")
-        self._words = sensors[self._velocity].noisier_in_words
+        self._components = sensors[self._velocity].components
         self.hears = frozenset(i for i in (self._position, self._velocity) if i >= 0)
         self.judged = adapter.knows_car and bool(self.hears) and place_of(sensors, "rates and forces") >= 0
         self.forget(0)
@@ -108,7 +118,7 @@ class ReceiverJudge(Judge):
         return [f"positions are noisier than stated, {noise:.2g} in place of {stated:.2g} m"]
 
     def doubt(self, index: int) -> str:
-        return ", ".join(self._words(self._velocities.more)) if index == self._velocity else ""
+        return ", ".join(noisier_in_words(self._components, self._velocities.more)) if index == self._velocity else ""
 
     def feel(self, stamp: int, h: float, felt: list[float]) -> None:
         adapter = self._adapter

@@ -21,11 +21,12 @@ from vsense_ros.estimation.smoother import FixedLag, smoothed
 from vsense_ros.messages.recording import Recording
 from vsense_ros.model.sensors import SensorBase
 from vsense_ros.model.vehicle import Vehicle
-from vsense_ros.navigation.aided import Aided, usable
+from vsense_ros.navigation.aided import Aided
 from vsense_ros.navigation.car_numbers import car_numbers
 from vsense_ros.navigation.motion import Snapshot
 from vsense_ros.navigation.offline import OFFLINE, UNITS
 from vsense_ros.navigation.offline import Offline as OfflineSpace
+from vsense_ros.navigation.reading_use import usable
 from vsense_ros.runner.catalogue import every_filter
 from vsense_ros.runner.run import Run, as_recording, never_started, topics_in
 from vsense_ros.runner.runner import Runner
@@ -55,7 +56,7 @@ def run_smoothed(
     began = time.perf_counter()
     step = vehicle.observer.longest_step
     record = Record(ekf) if lag is None else FixedLag(ekf, max(1, round(lag / step)))
-    found: list[Snapshot] = []
+    estimates: list[Snapshot] = []
     snapshots: list[Snapshot] = []
     messages = 0
     for count in follow(runner, record, recording, step, snapshots, lambda share: done(0.7 * share)):
@@ -63,16 +64,16 @@ def run_smoothed(
         if isinstance(record, FixedLag) and len(snapshots) >= len(record.instants) and count:
             when, belief = record.delayed()
             at = snapshots[0].stamp + round(when * 1e9)
-            found.append(_as(snapshots[-len(record.instants)], belief, at))
+            estimates.append(_as(snapshots[-len(record.instants)], belief, at))
     if not snapshots:
         raise never_started(recording, runner)
     if lag is None:
         beliefs = smoothed(record)
-        found = [_as(s, b, s.stamp) for s, b in zip(snapshots, beliefs, strict=True)]
+        estimates = [_as(s, b, s.stamp) for s, b in zip(snapshots, beliefs, strict=True)]
     done(1.0)
     elapsed = time.perf_counter() - began
     return Run(
-        output=as_recording(runner.adapter, _thinned(found), recording),
+        output=as_recording(runner.adapter, _thinned(estimates), recording),
         step_us_median=1e6 * elapsed / max(messages, 1),
         realtime_factor=recording.duration / elapsed,
         messages_lost=recording.messages_lost,
@@ -109,8 +110,8 @@ def run_offline(recording: Recording, vehicle: Vehicle, *, progress: Callable[[f
         pass
     if not snapshots:
         raise never_started(recording, runner)
-    found = iterated(record, progress=lambda share: done(0.3 + 0.7 * share))
-    smooth = [_as(s, b, s.stamp) for s, b in zip(snapshots, found.beliefs, strict=True)]
+    estimates = iterated(record, progress=lambda share: done(0.3 + 0.7 * share))
+    smooth = [_as(s, b, s.stamp) for s, b in zip(snapshots, estimates.beliefs, strict=True)]
     done(1.0)
     output = as_recording(runner.adapter, _thinned(smooth), recording)
     parameters = {
@@ -118,7 +119,7 @@ def run_offline(recording: Recording, vehicle: Vehicle, *, progress: Callable[[f
         for name, (value, deviation) in runner.adapter.parameters(smooth[-1]).items()
         if name in UNITS and deviation < _DETERMINED * OfflineSpace.prior[name]
     }
-    return Offline(output, parameters, found.change)
+    return Offline(output, parameters, estimates.change)
 
 
 def _thinned(snapshots: list[Snapshot]) -> list[Snapshot]:

@@ -219,16 +219,6 @@ class SensorBase(Part):
         """True if it measures the car's speed."""
         return not self.measures.isdisjoint({"rolling speed", "ground speed"})
 
-    @property
-    def measures_turning(self) -> bool:
-        """True if it measures how the car turns."""
-        return not self.measures.isdisjoint({"steering", "rates and forces"})
-
-    @property
-    def is_compared(self) -> bool:
-        """True if a simulation needs it, or is compared with it: then one of its kind is enough."""
-        return bool(self.signals) or self.is_input
-
     def longest(self, *, coarse: bool) -> float:
         """For how long a component may keep its value in a moving car [s]; `coarse` if it takes few values."""
         return max(self.longest_still, self.longest_still_if_coarse if coarse else 0.0)
@@ -268,14 +258,6 @@ class SensorBase(Part):
             first += count
         return ", ".join(parts)
 
-    def noisier_in_words(self, noisier: Mapping[int, tuple[float, float]]) -> list[str]:
-        """Components that are noisier than stated, in words, from their estimated and their stated standard
-        deviations."""
-        return [
-            f"noise of {self.components[i].words} {estimated:.2g}, stated {stated:.2g} {self.components[i].unit}"
-            for i, (estimated, stated) in noisier.items()
-        ]
-
     def offsets(self) -> Vector:
         """Known errors of the components, which whoever calls `read` takes off, (m,)."""
         return np.zeros(len(self.deviations()))
@@ -296,14 +278,6 @@ class SensorBase(Part):
     def simulated(self, drive: SimulatedDrive) -> Content:
         """Values of the sensor's messages on a simulated drive, errors included."""
         raise NotImplementedError
-
-    def disturbed(self, drive: SimulatedDrive) -> Vector:
-        """The truth of a simulated drive, (n, m), with biases and noise as stated here, and the known errors that
-        reading takes off."""
-        value = drive.truth + self.offsets()
-        for i, bias in enumerate(self.biases()):
-            value[:, i] += drive.bias * bias.deviation * drive.rng.standard_normal()
-        return value + self.deviations() * drive.rng.standard_normal(value.shape)
 
     def first_speed(self, value: Vector, physics: NominalPhysics) -> float | None:
         """Speed of a car at start [m/s] that a measurement (m,) gives, NaN if it is not known well; None if it gives
@@ -359,8 +333,17 @@ class JointSensor(SensorBase):
             super().read_rows(names, columns, out, variance)
 
     def simulated(self, drive: SimulatedDrive) -> Content:
-        value = drive.truth if self.is_input else self.disturbed(drive)
+        value = drive.truth if self.is_input else disturbed(self, drive)
         return joint_state(self.field, drive.digitized(value), self.joints)
+
+
+def disturbed(sensor: SensorBase, drive: SimulatedDrive) -> Vector:
+    """The truth of a simulated drive, (n, m), with biases and noise as the sensor states them, and the known errors
+    that reading takes off."""
+    value = drive.truth + sensor.offsets()
+    for i, bias in enumerate(sensor.biases()):
+        value[:, i] += drive.bias * bias.deviation * drive.rng.standard_normal()
+    return value + sensor.deviations() * drive.rng.standard_normal(value.shape)
 
 
 def joint_state(field: str, value: Vector, names: Names) -> Content:

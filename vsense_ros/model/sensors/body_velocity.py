@@ -23,6 +23,7 @@ from vsense_ros.model.sensors.base import (
     Vector,
     component,
     covariance_diagonal,
+    disturbed,
 )
 from vsense_ros.model.sensors.simulated import Content, Sampling, SimulatedDrive, quantized
 
@@ -81,7 +82,7 @@ class BodyVelocity(SensorBase):
         return ca.vertcat(along, across)
 
     def simulated(self, drive: SimulatedDrive) -> Content:
-        horizontal = quantized(self.disturbed(drive), drive.quantum)
+        horizontal = quantized(disturbed(self, drive), drive.quantum)
         covariance = np.zeros(36)
         covariance[[0, 7]] = self.noise**2
         return Content(

@@ -19,6 +19,7 @@ from vsense_ros.model.sensors.base import (
     Values,
     Vector,
     covariance_diagonal,
+    disturbed,
 )
 from vsense_ros.model.sensors.gnss import Antenna
 from vsense_ros.model.sensors.simulated import Content, Sampling, SimulatedDrive
@@ -67,7 +68,7 @@ class GnssPosition(Antenna):
         return (motion.position + motion.attitude @ mounting)[0:2]
 
     def simulated(self, drive: SimulatedDrive) -> Content:
-        east, north = self.disturbed(drive).T
+        east, north = disturbed(self, drive).T
         height = drive.position[:, 2] + self.position[2] + 2 * self.noise * drive.rng.standard_normal(len(drive))
         geodetic = np.column_stack(pymap3d.enu2geodetic(east, north, height, *drive.origin))
         latitude, longitude, altitude = (column[:, None] for column in drive.digitized(geodetic).T)

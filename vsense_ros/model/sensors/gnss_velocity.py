@@ -20,6 +20,7 @@ from vsense_ros.model.sensors.base import (
     Values,
     Vector,
     covariance_diagonal,
+    disturbed,
 )
 from vsense_ros.model.sensors.gnss import Antenna
 from vsense_ros.model.sensors.simulated import Content, Sampling, SimulatedDrive
@@ -79,7 +80,7 @@ class GnssVelocity(Antenna):
         return (motion.attitude @ (motion.velocity + ca.cross(motion.rates, mounting)))[0:2]
 
     def simulated(self, drive: SimulatedDrive) -> Content:
-        horizontal = drive.digitized(self.disturbed(drive))
+        horizontal = drive.digitized(disturbed(self, drive))
         covariance = np.zeros(36)
         covariance[: 3 * 7 : 7] = self.noise**2 * np.array([1, 1, 4])
         climb = drive.climb(self.mounting())[:, None]

@@ -28,6 +28,7 @@ from vsense_ros.model.sensors.base import (
     Vector,
     component,
     covariance_diagonal,
+    disturbed,
 )
 from vsense_ros.model.sensors.simulated import Content, Sampling, SimulatedDrive
 
@@ -160,7 +161,7 @@ class Imu(SensorBase):
         return equation(motion, biases, mounting)
 
     def simulated(self, drive: SimulatedDrive) -> Content:
-        value = drive.digitized(self.disturbed(drive))
+        value = drive.digitized(disturbed(self, drive))
         rate, force = np.diag(np.square(self.rate_noise)).ravel(), np.diag(np.square(self.force_noise)).ravel()
         return Content(
             {

@@ -21,6 +21,7 @@ from vsense_ros.model.sensors.base import (
     Values,
     Vector,
     component,
+    disturbed,
 )
 from vsense_ros.model.sensors.simulated import Content, Sampling, SimulatedDrive, quantized
 
@@ -60,7 +61,7 @@ class VehicleSpeed(SensorBase):
         return ca.cos(heading) * on_map[0] + ca.sin(heading) * on_map[1]
 
     def simulated(self, drive: SimulatedDrive) -> Content:
-        forward = quantized(self.disturbed(drive), drive.quantum)
+        forward = quantized(disturbed(self, drive), drive.quantum)
         linear = np.column_stack([forward, np.zeros((len(drive), 2))])
         return Content({"linear": linear, "angular": np.zeros((len(drive), 3))})
 
