@@ -177,7 +177,7 @@ def test_a_second_look_that_cannot_go_all_the_way_says_so() -> None:
 
 def test_each_event_is_told_of_once_with_its_innovation() -> None:
     told: list[tuple[int, float, Innovation | None]] = []
-    made = timeline(found=lambda event, nis, innovation: told.append((event.stamp, nis, innovation)))
+    made = timeline(corrected=lambda event, nis, innovation: told.append((event.stamp, nis, innovation)))
     events = drive(0, 0.2)
     after(made, events)
     after(made, [course(0.05, 0.12)])

@@ -120,7 +120,7 @@ def test_the_table_of_a_fleet_begins_no_formula(tmp_path: Path) -> None:
     from vsense_ros.mismatch.fleet_report import write
 
     found = NoAnswer(verdict=FAILED, sentence="@SUM(1)")
-    write([Result(key="", vehicle="=cmd|'x'!A1", recordings=(), found=found)], tmp_path)
+    write([Result(key="", vehicle="=cmd|'x'!A1", recordings=(), outcome=found)], tmp_path)
     with (tmp_path / "fleet.csv").open(newline="", encoding="utf-8") as file:
         (row,) = csv.DictReader(file)
     assert not any(str(value).startswith(("=", "@", "+")) for value in row.values())

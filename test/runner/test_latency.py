@@ -80,7 +80,7 @@ def driven(late: dict[str, float], seconds: float = 30.0, wheels_until: float = 
 def test_the_sensor_that_is_late_is_found_with_its_lag(late: dict[str, float]) -> None:
     latencies, names = driven(late), list(car().sensing())
     assert {names[i] for i in latencies.late} == set(late)
-    for i, found in latencies.found.items():
+    for i, found in latencies.by_sensor.items():
         true = late.get(names[i], 0.0)
         assert abs(found.seconds - true) < min(0.03, 3 * found.deviation)
 
@@ -116,7 +116,7 @@ def test_an_antenna_that_sits_elsewhere_makes_no_lag_of_a_course_alone(sits: flo
         for name, value in readings:
             latencies.hear(Event(names.index(name), stamp, value, np.ones(len(value))))
         latencies.look(stamp)
-    assert latencies.found[names.index("velocity")].seconds == pytest.approx(late, abs=0.1)
+    assert latencies.by_sensor[names.index("velocity")].seconds == pytest.approx(late, abs=0.1)
     assert bool(latencies.late) == (late > 0)
 
 
@@ -128,7 +128,7 @@ def test_a_car_that_goes_straight_shows_no_lag() -> None:
         latencies.hear(Event(names.index("imu"), k * SECOND // 100, value, np.ones(6)))
         latencies.hear(Event(names.index("wheel_speeds"), k * SECOND // 100, np.full(4, 50.0), np.ones(4)))
         latencies.look(k * SECOND // 100)
-    assert not latencies.found
+    assert not latencies.by_sensor
 
 
 def test_an_inertial_sensor_that_is_late_is_said_and_used_at_its_time(lane_change: Recording, vehicle: Vehicle) -> None:

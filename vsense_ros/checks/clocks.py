@@ -121,12 +121,12 @@ def _lags_between(motion: Motion) -> dict[tuple[str, str], float]:
         if one not in signals or other not in signals:
             continue
         moves = spread(signals[other]) > SETTINGS.pushing if pushing else spread(signals[one]) > SETTINGS.turning
-        found = motion.compared(signals, one, other) if moves else None
-        if found is None or abs(found.best) < allowed.correlation:
+        matched = motion.compared(signals, one, other) if moves else None
+        if matched is None or abs(matched.best) < allowed.correlation:
             continue
         pair = ROLE_OF[one].value, ROLE_OF[other].value
-        if abs(found.best) > likeness.get(pair, 0.0):
-            result[pair], likeness[pair] = _beyond(found, allowed), abs(found.best)
+        if abs(matched.best) > likeness.get(pair, 0.0):
+            result[pair], likeness[pair] = _beyond(matched, allowed), abs(matched.best)
     return result
 
 
@@ -150,10 +150,10 @@ def _comparisons(motion: Motion) -> Iterator[tuple[str, str, bool, Allowed]]:
     yield WHEELS, GNSS, turning, Allowed(-(slow or 0.3), (slow or 0.15) + early, 0.93)
 
 
-def _beyond(found: Match, allowed: Allowed) -> float:
+def _beyond(matched: Match, allowed: Allowed) -> float:
     """The lag of a match where it is clear and more than allowed; else 0."""
-    clear = found.explained > SETTINGS.explained and abs(found.best) - abs(found.correlation) > SETTINGS.gained
-    return found.lag if clear and not allowed.low <= found.lag <= allowed.high else 0.0
+    clear = matched.explained > SETTINGS.explained and abs(matched.best) - abs(matched.correlation) > SETTINGS.gained
+    return matched.lag if clear and not allowed.low <= matched.lag <= allowed.high else 0.0
 
 
 def _speed_lag(motion: Motion) -> dict[tuple[str, str], float]:
@@ -167,11 +167,15 @@ def _speed_lag(motion: Motion) -> dict[tuple[str, str], float]:
         own = _own_speed(motion, source)
         if own is None or spread(own) < SETTINGS.position_speed:
             continue
-        found = match(motion.smooth(np.abs(own)), ground, signals.step, LONG_LAGS)
-        if found is None or found.best < SETTINGS.position_correlation or found.explained < SETTINGS.position_explained:
+        matched = match(motion.smooth(np.abs(own)), ground, signals.step, LONG_LAGS)
+        if (
+            matched is None
+            or matched.best < SETTINGS.position_correlation
+            or matched.explained < SETTINGS.position_explained
+        ):
             continue
-        if abs(found.lag) > max(SETTINGS.speed_lag, 0.5 * motion.gnss_span):
-            return {(ROLE_OF[source].value, _GNSS): found.lag}
+        if abs(matched.lag) > max(SETTINGS.speed_lag, 0.5 * motion.gnss_span):
+            return {(ROLE_OF[source].value, _GNSS): matched.lag}
     return {}
 
 
@@ -197,17 +201,17 @@ def _position_lag(motion: Motion, topics: Topics, velocity_is_right: bool) -> It
     # Both axes are one signal, with a gap between them that is longer than any lag.
     gap = np.full(len(signals.t), np.nan)
     one, other = (np.concatenate([axes[0], gap, axes[1]]) for axes in (by_position, velocity))
-    found = motion.compare(one, other)
-    if found is None or found.best < s.position_correlation or found.explained < s.position_explained:
+    matched = motion.compare(one, other)
+    if matched is None or matched.best < s.position_correlation or matched.explained < s.position_explained:
         return
-    if abs(found.lag) <= max(s.position_lag, 0.5 * motion.gnss_span):
+    if abs(matched.lag) <= max(s.position_lag, 0.5 * motion.gnss_span):
         return
     position, other_topic = topics[Role.POSITION], topics[Role.VELOCITY]
     if velocity_is_right:
-        evidence = {other_topic: found.lag}
+        evidence = {other_topic: matched.lag}
         yield Finding(position, Kind.LAG, Reason.POSITION_LATE, against=other_topic, evidence=evidence)
         return
-    for topic, than, lag in ((position, other_topic, found.lag), (other_topic, position, -found.lag)):
+    for topic, than, lag in ((position, other_topic, matched.lag), (other_topic, position, -matched.lag)):
         yield Finding(
             topic, Kind.LAG, Reason.POSITION_OR_VELOCITY_LATE, against=than, confidence=Confidence.UNDECIDED,
             evidence={than: lag},
@@ -278,9 +282,9 @@ def running(subject: Subject, _: Sequence[Finding]) -> Iterator[Finding]:
         if channel is None or len(channel) < SETTINGS.least_rows or np.array_equal(channel.stamp, channel.received):
             continue
         step = _clock_step(channel, subject)
-        found = _clock_rate(channel) if step is None else step
-        if found is not None:
-            yield found
+        finding = _clock_rate(channel) if step is None else step
+        if finding is not None:
+            yield finding
 
 
 def _clock_step(channel: Channel, subject: Subject) -> Finding | None:

@@ -71,9 +71,9 @@ def reversed_turning(motion: Motion) -> dict[str, str]:
     sources = [name for name, turn in motion.turns.items() if spread(turn) > MOTION.least_turning]
     agree = {}
     for one, other in combinations(sources, 2):
-        found = motion.compared(motion.turns, one, other)
-        if found is not None and abs(found.correlation) > SETTINGS.correlation:
-            agree[one, other] = found.correlation > 0
+        matched = motion.compared(motion.turns, one, other)
+        if matched is not None and abs(matched.correlation) > SETTINGS.correlation:
+            agree[one, other] = matched.correlation > 0
     wrong = who_is_wrong(agree, TRUST, reversed_signs=True).wrong
     result = {}
     for name in wrong:
@@ -118,8 +118,8 @@ def gyro_axes(subject: Subject, _: Sequence[Finding]) -> Iterator[Finding]:
     for name in RATES:
         if name in motion.signals:
             turn = motion.smooth(motion.signals.signals[name], span)
-            if (found := match(turn, motion.turns[reference], motion.signals.step, AXIS_LAGS)) is not None:
-                correlation[name], ratio[name] = abs(found.best), found.ratio
+            if (matched := match(turn, motion.turns[reference], motion.signals.step, AXIS_LAGS)) is not None:
+                correlation[name], ratio[name] = abs(matched.best), matched.ratio
     best = max(RATES, key=lambda name: correlation[name])
     low, high = SETTINGS.axis_ratio
     turns = correlation[best] > SETTINGS.other_axis and low < ratio[best] < high
@@ -220,11 +220,11 @@ def _accelerations(motion: Motion, earlier: Sequence[Finding], subject: Subject)
 def _unit_of_gyro(motion: Motion, source: str) -> float:
     """Ratio of a gyro to the turning by others where that is another unit, 1 otherwise."""
     other = next((name for name in (GNSS, WHEELS) if name in motion.turns), None)
-    found = None if source != GYRO or other is None else motion.compared(motion.turns, GYRO, other)
-    if found is None or abs(found.best) <= SETTINGS.rate_correlation:
+    matched = None if source != GYRO or other is None else motion.compared(motion.turns, GYRO, other)
+    if matched is None or abs(matched.best) <= SETTINGS.rate_correlation:
         return 1.0
     low, high = SETTINGS.axis_ratio
-    return found.ratio if not low < found.ratio < high else 1.0
+    return matched.ratio if not low < matched.ratio < high else 1.0
 
 
 def wheel_ratios(subject: Subject, _: Sequence[Finding]) -> Iterator[Finding]:

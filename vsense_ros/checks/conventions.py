@@ -124,10 +124,13 @@ class Hypothesis:
     @property
     def parts(self) -> frozenset[tuple[str, tuple[float, ...] | str]]:
         """What differs from the expected conventions, a part for each sensor."""
-        found: list[tuple[str, tuple[float, ...] | str]] = [("forces", key(self.forces)), ("rates", key(self.rates))]
-        found += [(VELOCITY, key(self.velocity)), (POSITION, self.position), ("sides", (self.sides,))]
-        found += [("rolling", (self.rolling,)), *((name, (sign,)) for name, sign in self.steering)]
-        return frozenset(found)
+        assumptions: list[tuple[str, tuple[float, ...] | str]] = [
+            ("forces", key(self.forces)),
+            ("rates", key(self.rates)),
+        ]
+        assumptions += [(VELOCITY, key(self.velocity)), (POSITION, self.position), ("sides", (self.sides,))]
+        assumptions += [("rolling", (self.rolling,)), *((name, (sign,)) for name, sign in self.steering)]
+        return frozenset(assumptions)
 
 
 def decided(subject: Subject) -> list[Finding]:
@@ -345,9 +348,9 @@ def _vertical(known: Relations, *, exchanged: bool) -> float:
     if "up" in signals and "height" in signals:
         climb = signals.rate_of_change(signals.signals["height"], known.motion.gnss_span)
         vertical = known.motion.smooth(signals.signals["up"])
-        found = known.motion.compare(vertical, climb)
-        if found is not None and abs(found.correlation) > SETTINGS.climbing:
-            return 1.0 if found.correlation > 0 else -1.0
+        matched = known.motion.compare(vertical, climb)
+        if matched is not None and abs(matched.correlation) > SETTINGS.climbing:
+            return 1.0 if matched.correlation > 0 else -1.0
     return -1.0 if exchanged else 1.0
 
 
@@ -366,13 +369,13 @@ def _of_position(name: str, known: Relations, topics: Topics) -> Finding:
 def _undecided(equal: Sequence[Hypothesis], known: Relations, topics: Topics) -> Iterator[Finding]:
     """A finding for each sensor that is wrong by some of the explanations that are as good, without a mend."""
     explanations = [list(_findings(one, known, topics)) for one in equal]
-    first, second = (" and ".join(map(_in_short, found)) for found in explanations[:2])
-    concerned = dict.fromkeys(finding.topic for found in explanations for finding in found)
+    first, second = (" and ".join(map(_in_short, explanation)) for explanation in explanations[:2])
+    concerned = dict.fromkeys(finding.topic for explanation in explanations for finding in explanation)
     for topic in concerned:
-        own = [finding for found in explanations for finding in found if finding.topic == topic]
+        own = [finding for explanation in explanations for finding in explanation if finding.topic == topic]
         plain = next((finding for finding in own if finding.kind is Kind.SIGN), own[0])
         undecided = replace(plain, confidence=Confidence.UNDECIDED, mend=None)
-        if all(any(finding.topic == topic for finding in found) for found in explanations):
+        if all(any(finding.topic == topic for finding in explanation) for explanation in explanations):
             yield undecided  # it is wrong by all of them, though not in which way
             continue
         others = ", ".join(other for other in concerned if other != topic)

@@ -101,14 +101,14 @@ def run(checks: Iterable[Check], subject: Subject, earlier: Sequence[Finding] = 
     return result
 
 
-def _consistent(found: Sequence[Finding], subject: Subject) -> Iterator[Finding]:
+def _consistent(findings: Sequence[Finding], subject: Subject) -> Iterator[Finding]:
     """Findings without those that follow from others: topics by another clock do not go with the rest, what a frozen or
     repeating source measures is late, and a GNSS velocity in another frame shows no jumps of the position."""
     gnss = {subject.topics[role] for role in (Role.VELOCITY, Role.POSITION)}
-    other_clock = {f.topic for f in found if f.kind is Kind.CLOCK}
-    frozen = {f.topic for f in found if f.kind is Kind.FROZEN and f.topic in gnss}
-    turned = any(f.topic in gnss and f.kind in _OF_A_FRAME and f.reason not in _OF_A_RANGE for f in found)
-    repeats = bool(other_clock) or any(f.kind is Kind.HELD for f in found)
+    other_clock = {f.topic for f in findings if f.kind is Kind.CLOCK}
+    frozen = {f.topic for f in findings if f.kind is Kind.FROZEN and f.topic in gnss}
+    turned = any(f.topic in gnss and f.kind in _OF_A_FRAME and f.reason not in _OF_A_RANGE for f in findings)
+    repeats = bool(other_clock) or any(f.kind is Kind.HELD for f in findings)
 
     def follows(finding: Finding) -> bool:
         by_gnss = finding.against in gnss and finding.kind in (Kind.UNIT, Kind.SIGN, Kind.JUMP)
@@ -120,13 +120,13 @@ def _consistent(found: Sequence[Finding], subject: Subject) -> Iterator[Finding]
             or (by_gnss and bool(other_clock & {*gnss, finding.topic}))
         )
 
-    return (finding for finding in found if not follows(finding))
+    return (finding for finding in findings if not follows(finding))
 
 
-def without_repetitions(found: Iterable[Finding]) -> list[Finding]:
+def without_repetitions(findings: Iterable[Finding]) -> list[Finding]:
     """Findings without those that say again of a topic that a sign, a unit or a jump is wrong."""
     result: list[Finding] = []
-    for finding in found:
+    for finding in findings:
         once = finding.kind in (Kind.SIGN, Kind.UNIT, Kind.JUMP)
         if not (once and any((f.topic, f.kind) == (finding.topic, finding.kind) for f in result)):
             result.append(finding)

@@ -172,8 +172,8 @@ def _turns_with_gyro(signals: AlignedSignals, velocity: Array, good: Mask) -> bo
     full[:, good] = velocity
     turn = signals.course_rate(full[0], full[1], SETTINGS.gyro_span, MOTION.slowest_course)
     yaw = signals.smooth(signals.signals["wz"], SETTINGS.gyro_span)
-    found = None if min(spread(turn), spread(yaw)) < SETTINGS.gyro_least else match(yaw, turn, signals.step)
-    return None if found is None or abs(found.correlation) <= SETTINGS.agreement else found.correlation > 0
+    matched = None if min(spread(turn), spread(yaw)) < SETTINGS.gyro_least else match(yaw, turn, signals.step)
+    return None if matched is None or abs(matched.correlation) <= SETTINGS.agreement else matched.correlation > 0
 
 
 def course_stays(motion: Motion) -> Finding | None:

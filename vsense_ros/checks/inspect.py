@@ -96,23 +96,25 @@ class Inspection:
 def inspect(recording: Recording, expected: Mapping[str, Topic] = TOPICS, topics: Topics = USUAL_TOPICS) -> Inspection:
     """Look through a recording. `expected` are all topics that somebody may read, `topics` those of the vehicle by
     role."""
-    found = findings(recording, topics)
+    reported = findings(recording, topics)
     return Inspection(
         recording.name,
         recording.start,
         recording.duration,
         tuple(
-            _topic(channel, recording.start, expected.get(topic), [f for f in found if f.topic == topic], topics)
+            _topic(channel, recording.start, expected.get(topic), [f for f in reported if f.topic == topic], topics)
             for topic, channel in recording.channels.items()
         ),
         tuple(topic for topic in topics.values() if topic not in recording),
         recording.notes,
         recording.messages_lost,
-        tuple(found),
+        tuple(reported),
     )
 
 
-def _topic(channel: Channel, start: int, expected: Topic | None, found: Sequence[Finding], topics: Topics) -> TopicInfo:
+def _topic(
+    channel: Channel, start: int, expected: Topic | None, findings: Sequence[Finding], topics: Topics
+) -> TopicInfo:
     step = np.diff(channel.stamp) * 1e-9
     jumped = np.abs(step) >= SETTINGS.clock_jump
     normal = step[(step > 0) & ~jumped]
@@ -141,7 +143,7 @@ def _topic(channel: Channel, start: int, expected: Topic | None, found: Sequence
         float(np.mean(absent)) if absent else 0.0,
         tuple(name for name, values in live.items() if len(values) > 1 and np.nanstd(values) == 0.0),
         (
-            *_labels(channel, expected), *found, *_gaps(channel, gaps), *_stamps(channel, start, jumped, latency),
+            *_labels(channel, expected), *findings, *_gaps(channel, gaps), *_stamps(channel, start, jumped, latency),
             *_frozen(channel, topics), *_holes(channel, live),
         ),
     )  # fmt: skip

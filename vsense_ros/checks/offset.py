@@ -45,7 +45,7 @@ def clock_offset(reference: Recording, other: Recording) -> tuple[float, float] 
         for one in first.values()
         for two in second.values()
     )
-    best = max((found for one, two in pairs for found in _offsets(one, two, step)), key=lambda f: f[1], default=None)
+    best = max((offset for one, two in pairs for offset in _offsets(one, two, step)), key=lambda f: f[1], default=None)
     if best is None or best[1] < SETTINGS.correlation:
         return None
     return best[0] + (motions[0].signals.start - motions[1].signals.start) * 1e-9, best[1]

@@ -200,9 +200,9 @@ def _late(topic: str, reference: _Reference, imu: Channel) -> Iterator[Finding]:
     known = np.isfinite(turned) & np.isfinite(measured)
     if known.sum() * SETTINGS.step < SETTINGS.least or np.std(measured[known]) < SETTINGS.turning:
         return
-    found = match(turned, measured, SETTINGS.step, LAGS)
-    if found is None or found.best < SETTINGS.alike or found.explained < SETTINGS.explained or found.clear <= 0:
+    matched = match(turned, measured, SETTINGS.step, LAGS)
+    if matched is None or matched.best < SETTINGS.alike or matched.explained < SETTINGS.explained or matched.clear <= 0:
         return
-    if abs(found.lag) > SETTINGS.late:
-        evidence = {imu.topic: found.lag}
+    if abs(matched.lag) > SETTINGS.late:
+        evidence = {imu.topic: matched.lag}
         yield Finding(topic, Kind.LAG, Reason.REFERENCE_LATE, against=imu.topic, evidence=evidence)

@@ -73,8 +73,8 @@ def signed_correlation(one: Array, other: Array, step: float) -> float:
     high, low = float(values.max()), -float(values.min())
     if now < SETTINGS.correlation and min(high, low) > SETTINGS.clear * max(high, low):
         return 0.0
-    found = now if now >= SETTINGS.correlation or high == low == 0.0 else high if high > low else -low
-    return 0.0 if found * _similarity(one, other) < -SETTINGS.one_way * abs(found) else found
+    correlation = now if now >= SETTINGS.correlation or high == low == 0.0 else high if high > low else -low
+    return 0.0 if correlation * _similarity(one, other) < -SETTINGS.one_way * abs(correlation) else correlation
 
 
 def _correlations(one: Array, other: Array, step: float) -> Array:
@@ -167,8 +167,8 @@ class Relations:
             return 0
         twice = signals.smooth(signals.smooth(signals.signals[rate], MOTION.span), MOTION.span)
         change = signals.rate_of_change(signals.signals[force], MOTION.span)
-        found = match(twice, change, signals.step, _TILT_LAGS)
-        return 0 if found is None or abs(found.best) < SETTINGS.tilting else int(np.sign(found.best))
+        matched = match(twice, change, signals.step, _TILT_LAGS)
+        return 0 if matched is None or abs(matched.best) < SETTINGS.tilting else int(np.sign(matched.best))
 
     def gains_speed(self, force: Array) -> int:
         """+1 where the car becomes faster as an axis of the accelerometer (3,) says, -1 where it becomes slower, 0

@@ -56,14 +56,14 @@ class Subject:
     @cached_property
     def frame_findings(self) -> tuple[Finding, ...]:
         """What is wrong with the frame of the GNSS velocity, or with the position, before the motion is known."""
-        found = None if self.aligned is None else velocity_against_position(self.aligned)
-        return () if found is None else (found,)
+        finding = None if self.aligned is None else velocity_against_position(self.aligned)
+        return () if finding is None else (finding,)
 
     @cached_property
     def course_findings(self) -> tuple[Finding, ...]:
         """What is wrong with the course of the GNSS velocity, given how the car turns."""
-        found = None if self.measured_motion is None or self.velocity_is_wrong else course_stays(self.measured_motion)
-        return () if found is None else (found,)
+        finding = None if self.measured_motion is None or self.velocity_is_wrong else course_stays(self.measured_motion)
+        return () if finding is None else (finding,)
 
     @property
     def velocity_is_wrong(self) -> bool:

@@ -69,17 +69,17 @@ def gravity(subject: Subject, _: Sequence[Finding]) -> Iterator[Finding]:
     size = float(np.linalg.norm(mean))
     if np.isnan(size):
         return
-    found = None
+    reason = None
     mend = None
     if abs(size - 1.0) < s.in_g:
-        found, mend = Reason.FORCE_IN_G, Scale("linear_acceleration", GRAVITY, given="g", expected="m/s²")
+        reason, mend = Reason.FORCE_IN_G, Scale("linear_acceleration", GRAVITY, given="g", expected="m/s²")
     elif size < s.no_gravity:
-        found = Reason.NO_GRAVITY
+        reason = Reason.NO_GRAVITY
     elif abs(size - GRAVITY) > s.gravity_error:
-        found = Reason.FORCE_SIZE
-    if found is not None:
+        reason = Reason.FORCE_SIZE
+    if reason is not None:
         yield Finding(
-            imu.topic, Kind.UNIT, found, "linear_acceleration", confidence=Confidence.CERTAIN,
+            imu.topic, Kind.UNIT, reason, "linear_acceleration", confidence=Confidence.CERTAIN,
             evidence={"size": size}, mend=mend,
         )  # fmt: skip
     axis = int(np.argmax(np.abs(mean)))
@@ -165,12 +165,12 @@ def steering_range(subject: Subject, _: Sequence[Finding]) -> Iterator[Finding]:
         elif motion is not None and by_gnss is not None and name in motion.signals:
             # Steering angle over yaw rate is (wheelbase / speed + understeer) times the ratio: below 5 s for any car at
             # more than 5 m/s; in degrees it is at least 57 times the smallest, 0.1 s.
-            found = motion.compare(motion.smooth(motion.signals.signals[name]), motion.turns[GNSS])
+            matched = motion.compare(motion.smooth(motion.signals.signals[name]), motion.turns[GNSS])
             limit = SETTINGS.road_wheel_ratio if road_wheel else SETTINGS.steering_wheel_ratio
-            if found is not None and abs(found.correlation) > SETTINGS.correlation and found.ratio > limit:
+            if matched is not None and abs(matched.correlation) > SETTINGS.correlation and matched.ratio > limit:
                 yield Finding(
                     steering.topic, Kind.UNIT, Reason.STEERING_SIZE, name, GNSS,
-                    evidence={"ratio": found.ratio}, mend=mend,
+                    evidence={"ratio": matched.ratio}, mend=mend,
                 )  # fmt: skip
 
 
@@ -180,20 +180,20 @@ def yaw_rate(subject: Subject, _: Sequence[Finding]) -> Iterator[Finding]:
     reference = None if motion is None else motion.first_turning(GNSS, WHEELS)
     if motion is None or reference is None or GYRO not in motion.turns:
         return
-    found = motion.compared(motion.turns, GYRO, reference)
-    if found is None or abs(found.best) < s.size_correlation:
+    matched = motion.compared(motion.turns, GYRO, reference)
+    if matched is None or abs(matched.best) < s.size_correlation:
         return
     reason, mend = None, None
     low, high = s.by_gnss if reference == GNSS else s.by_wheels
-    if s.in_degrees[0] < found.ratio < s.in_degrees[1]:
+    if s.in_degrees[0] < matched.ratio < s.in_degrees[1]:
         reason = Reason.RATE_IN_DEGREES
         mend = Scale("angular_velocity", to_si("deg/s"), given="deg/s", expected="rad/s")
-    elif not low < found.ratio < high:
+    elif not low < matched.ratio < high:
         reason = Reason.RATE_SIZE
     if reason is not None:
         topic = subject.topics[Role.IMU]
         yield Finding(
-            topic, Kind.UNIT, reason, "angular_velocity.z", reference, evidence={"ratio": found.ratio}, mend=mend
+            topic, Kind.UNIT, reason, "angular_velocity.z", reference, evidence={"ratio": matched.ratio}, mend=mend
         )
 
 

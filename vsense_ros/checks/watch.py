@@ -43,7 +43,7 @@ class PlausibilityWatch:
         self._samples: dict[str, deque[Sample]] = {}
         self._last: dict[str, tuple[int, int, tuple[str, ...]]] = {}  # kept: stamp, that of the next, names
         self._last_look: int | None = None
-        self._found: list[Finding] = []
+        self._findings: list[Finding] = []
 
     def add(self, sample: Sample) -> None:
         """Keep a sample."""
@@ -66,10 +66,10 @@ class PlausibilityWatch:
         """What cannot be true at `now` [ns]; nothing where there is no doubt."""
         if self._last_look is None or not 0 <= now - self._last_look < SETTINGS.period * _NANO:
             self._last_look = now
-            self._found = self._look()
-        if not self._found:
+            self._findings = self._look()
+        if not self._findings:
             return []
-        return [Diagnostic(f"{self.name}: plausibility", Level.WARN, "; ".join(sentences(self._found)))]
+        return [Diagnostic(f"{self.name}: plausibility", Level.WARN, "; ".join(sentences(self._findings)))]
 
     def _look(self) -> list[Finding]:
         channels = {}

@@ -176,15 +176,15 @@ class CanDecoder:
     def receiver(self, identifier: int, is_extended: bool) -> Receiver | None:
         """Who listens to an identifier: by itself, or by its parameter group where that is of J1939."""
         key = (identifier, is_extended)
-        found = self._receivers.get(key)
-        if found is None and is_extended and key not in self._database_ids:
-            found = self._by_pgn.get(_pgn(identifier))
-        if found is None or not found.by_group:
-            return found
+        receiver = self._receivers.get(key)
+        if receiver is None and is_extended and key not in self._database_ids:
+            receiver = self._by_pgn.get(_pgn(identifier))
+        if receiver is None or not receiver.by_group:
+            return receiver
         source = identifier & 0xFF
-        if found.source is None or (key in self._receivers and not found.source_is_given):
-            found.source = source  # several units may send a group: that of the database, else the first one heard
-        return found if found.source == source else None
+        if receiver.source is None or (key in self._receivers and not receiver.source_is_given):
+            receiver.source = source  # several units may send a group: that of the database, else the first one heard
+        return receiver if receiver.source == source else None
 
     def broken(self, at: int) -> None:
         """What arrived at `at` [ns] was no frame that the interface could read."""

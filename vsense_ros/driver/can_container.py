@@ -61,13 +61,13 @@ class Container:
         Yields each receiver that a frame has a message for, the places of these frames, and the data of the messages;
         one that is shorter than its receiver expects is left out.
         """
-        found: dict[int, tuple[list[int], list[bytes]]] = {identifier: ([], []) for identifier in self._receivers}
+        gathered: dict[int, tuple[list[int], list[bytes]]] = {identifier: ([], []) for identifier in self._receivers}
         for row, (frame, length) in enumerate(zip(frames, lengths.tolist(), strict=True)):
             for identifier, data in contained(frame[:length].tobytes()):
-                if identifier in found and len(data) >= self._receivers[identifier].length:
-                    found[identifier][0].append(row)
-                    found[identifier][1].append(data[: self._receivers[identifier].length])
-        for identifier, (rows, content) in found.items():
+                if identifier in gathered and len(data) >= self._receivers[identifier].length:
+                    gathered[identifier][0].append(row)
+                    gathered[identifier][1].append(data[: self._receivers[identifier].length])
+        for identifier, (rows, content) in gathered.items():
             receiver = self._receivers[identifier]
             if rows:
                 table = np.frombuffer(b"".join(content), np.uint8).reshape(len(rows), receiver.length)

@@ -92,12 +92,12 @@ def _read_dbc(path: Path) -> CanDatabase:
             why = str(error).replace("DBC: ", "").strip('"')
     if not blocks:
         raise InputError(f"{path}: not a CAN database that can be read: no message (BO_) in it; {why}")
-    found = _mend(text, blocks)
-    if not found.database.messages:
+    mended = _mend(text, blocks)
+    if not mended.database.messages:
         raise InputError(f"{path}: not a CAN database that can be read: none of its messages is intact; {why}")
     first = " ".join(why.split())
     return CanDatabase(
-        found.database, (f"{path.name}: not a correct DBC ({first}); what is intact is used", *found.notes)
+        mended.database, (f"{path.name}: not a correct DBC ({first}); what is intact is used", *mended.notes)
     )
 
 

@@ -39,6 +39,6 @@ class CanFrames:
         length, begin = self.length[chosen], self.begin[chosen]
         width = int(length.max(initial=0))
         at = np.minimum(begin[:, None] + np.arange(width), max(len(self.data) - 1, 0))
-        found = self.data[at] if len(self.data) else np.zeros((len(chosen), width), np.uint8)
-        found[np.arange(width) >= length[:, None]] = 0
-        return found
+        rows = self.data[at] if len(self.data) else np.zeros((len(chosen), width), np.uint8)
+        rows[np.arange(width) >= length[:, None]] = 0
+        return rows

@@ -239,12 +239,12 @@ class _Words:
         inside = np.arange(8) < length[:, None]
         if (digits[inside] == _NO_DIGIT).any():
             return None
-        found = np.zeros(len(words), np.uint32)
+        identifiers = np.zeros(len(words), np.uint32)
         for place in range(8):
-            found = np.where(inside[:, place], found << np.uint32(4) | digits[:, place], found)
-        if found.max() > _IDENTIFIER:
+            identifiers = np.where(inside[:, place], identifiers << np.uint32(4) | digits[:, place], identifiers)
+        if identifiers.max() > _IDENTIFIER:
             return None
-        return found.astype(np.uint32) | np.where(extended, np.uint32(_EXTENDED), np.uint32(0))
+        return identifiers.astype(np.uint32) | np.where(extended, np.uint32(_EXTENDED), np.uint32(0))
 
     def _data(self, words: NDArray, size: NDArray) -> NDArray | None:
         """Bytes (n, 8) of two hexadecimal digits each; None where one is none."""
@@ -255,9 +255,9 @@ class _Words:
         high, low = (_HEX[self._bytes[self._starts[chosen] + place]] for place in (0, 1))
         if len(chosen) and max(high.max(), low.max()) == _NO_DIGIT:
             return None
-        found = np.zeros((len(words), _MOST), np.uint8)
-        found[inside] = high << 4 | low
-        return found
+        data = np.zeros((len(words), _MOST), np.uint8)
+        data[inside] = high << 4 | low
+        return data
 
 
 def _columns(time: NDArray, channel: NDArray, identifier: NDArray, length: NDArray, data: NDArray) -> CanFrames:

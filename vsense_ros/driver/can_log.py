@@ -178,8 +178,8 @@ def read_can_log(path: str | Path) -> CanLog:
         raise InputError(f"{path}: no such file; expected a CAN log ({FORMATS})")
     if path.stat().st_size == 0:
         raise InputError(f"{path}: the file is empty; expected a CAN log ({FORMATS})")
-    found = format_of(path)
-    if found is None:
+    form = format_of(path)
+    if form is None:
         raise InputError(f"{path}: not a CAN log; expected {FORMATS}")
     readers: dict[str, Callable[[CanLog], Iterator[can.Message]]] = {
         "candump": _candump,
@@ -191,7 +191,7 @@ def read_can_log(path: str | Path) -> CanLog:
         "mf4": _mf4,
         **{text_log.name: _of_text(text_log) for text_log in TEXT_LOGS},
     }
-    return CanLog(path, readers[found], found)
+    return CanLog(path, readers[form], form)
 
 
 def read_frames(path: str | Path) -> CanFrames:
@@ -199,8 +199,8 @@ def read_frames(path: str | Path) -> CanFrames:
     one."""
     log = read_can_log(path)
     fast = {"blf": blf_frames, "asc": asc_frames}.get(log.format)
-    found = None if fast is None else fast(log.path, log.first_time)
-    return _as_it_ends(log, _one_by_one(log) if found is None else found)
+    frames = None if fast is None else fast(log.path, log.first_time)
+    return _as_it_ends(log, _one_by_one(log) if frames is None else frames)
 
 
 def _as_it_ends(log: CanLog, frames: CanFrames) -> CanFrames:
@@ -317,8 +317,8 @@ def _candump(log: CanLog) -> Iterator[can.Message]:
     """Both forms of candump, line by line, so that a damaged line costs itself alone."""
     timeless = 0
     for number, line in numbered_lines(log.path):
-        found = _CANDUMP.fullmatch(line)
-        if found is None:
+        fields = _CANDUMP.fullmatch(line)
+        if fields is None:
             if not line.strip():
                 continue
             timeless += bool(_VIEW_WITHOUT_TIME.fullmatch(line))
@@ -326,7 +326,7 @@ def _candump(log: CanLog) -> Iterator[can.Message]:
                 raise InputError(f"{log.path}: candump wrote no times; record it with 'candump -L' or 'candump -ta'")
             log.lost(f"line {number} is not a candump message: {shown(line)}")
             continue
-        moment, channel, identifier, fd, data, length, viewed = found.groups()
+        moment, channel, identifier, fd, data, length, viewed = fields.groups()
         data = viewed if data is None else data
         is_remote = data.startswith(("R", "remote"))
         try:

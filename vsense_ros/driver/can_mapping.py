@@ -198,9 +198,9 @@ def load_mapping(path: str | Path) -> CanMapping:
         for item in error.errors():
             where = tuple(part for part in item["loc"] if part not in _KINDS)
             key = ".".join(str(part) for part in where) or "file"
-            found = item["input"] if not isinstance(item["input"], dict | list) else "see there"
+            given = item["input"] if not isinstance(item["input"], dict | list) else "see there"
             text = item["msg"].removeprefix("Value error, ")
-            lines.append(f"{path}, line {_line(document, where)}, {key}: {text} (found: {found})")
+            lines.append(f"{path}, line {_line(document, where)}, {key}: {text} (found: {given})")
         raise InputError("\n".join(lines)) from None
 
 

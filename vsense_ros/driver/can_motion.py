@@ -59,8 +59,8 @@ class MotionBase(Output):
 
     def named_signals(self) -> dict[str, Signal]:
         """Signals by field."""
-        found = {name: getattr(self, name) for name in self.units}
-        return {name: signal for name, signal in found.items() if signal is not None}
+        signals = {name: getattr(self, name) for name in self.units}
+        return {name: signal for name, signal in signals.items() if signal is not None}
 
     def is_whole(self, values: Mapping[str, object]) -> bool:
         """True if the values are enough for a message."""

@@ -372,16 +372,16 @@ class Receiver:
         that are not in their range, or that are codes, what is said of them."""
         big = int.from_bytes(data[: self.length], "big")
         little = int.from_bytes(data, "little")
-        found = {}
+        values = {}
         unusual: dict[str, str] = {}
         for name, is_big, shift, mask, sign, scale, offset, lowest, highest, codes, floating in self.places:
             raw = ((big if is_big else little) >> shift) & mask
             if raw & sign:
                 raw -= mask + 1
-            value = found[name] = raw * scale + offset if floating is None else floating.physical(data)
+            value = values[name] = raw * scale + offset if floating is None else floating.physical(data)
             if not lowest <= value <= highest or raw in codes:
                 unusual[name] = self.validity[name].objection(raw, value, self._before.get(name))
-        return found, unusual
+        return values, unusual
 
     def _refuse(self, physical: dict[str, float], unusual: dict[str, str], at: int) -> None:
         """Report the signals that are unusual; those that are taken all the same leave `unusual`, and the others have

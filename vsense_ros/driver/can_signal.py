@@ -127,10 +127,10 @@ class SignalField:
 
     def has_of(self, frames: Frames) -> NDArray[np.bool_]:
         """Which frames are of a page that has the signal, (frames,)."""
-        found = np.ones(len(frames), bool)
+        present = np.ones(len(frames), bool)
         for selector, values in self.pages:
-            found &= np.isin(selector.raw_of(frames).astype(np.int64), list(values))
-        return found
+            present &= np.isin(selector.raw_of(frames).astype(np.int64), list(values))
+        return present
 
     def physical_of(self, frames: Frames, raw: NDArray[Any] | None = None) -> Array:
         """The physical value in each frame, (frames,); `raw` are its bits, where they are known already."""

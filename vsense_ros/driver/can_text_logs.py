@@ -65,12 +65,12 @@ def _frame(
 def _crtd(path: Path, lost: Lost) -> Iterator[can.Message]:
     """CRTD: `1320745424.002 1R11 402 FA 01 …`, Unix time, bus, identifier of 11 or 29 bits, data, all hexadecimal."""
     for number, line in numbered_lines(path):
-        found = _CRTD.fullmatch(line.strip())
-        if found is None:
+        fields = _CRTD.fullmatch(line.strip())
+        if fields is None:
             if line.strip():
                 lost(f"line {number} is not a CRTD record: {shown(line)}")
             continue
-        time, bus, direction, kind, rest = found.groups()
+        time, bus, direction, kind, rest = fields.groups()
         if direction in "CE" or kind not in ("11", "29"):
             continue  # comments and events
         try:
@@ -93,12 +93,12 @@ def _busmaster(path: Path, lost: Lost) -> Iterator[can.Message]:
             mode = next((name for name in ("SYSTEM", "ABSOLUTE", "RELATIVE") if f"***{name} MODE" in line), mode)
             numbers = 10 if line.startswith("***DEC***") else 16 if line.startswith("***HEX***") else numbers
             continue
-        found = _BUSMASTER.fullmatch(line.strip())
-        if found is None:
+        fields = _BUSMASTER.fullmatch(line.strip())
+        if fields is None:
             if line.strip():
                 lost(f"line {number} is not a frame of BUSMASTER: {shown(line)}")
             continue
-        hour, minute, second, part = (int(found[name]) for name in ("hour", "minute", "second", "part"))
+        hour, minute, second, part = (int(fields[name]) for name in ("hour", "minute", "second", "part"))
         time = (hour * 60 + minute) * 60 + second + part * 1e-4
         if mode == "RELATIVE":
             total = time = total + time
@@ -107,25 +107,25 @@ def _busmaster(path: Path, lost: Lost) -> Iterator[can.Message]:
             last = time
             time += days * _DAY
         midnight = base - base % _DAY if mode == "SYSTEM" else base
-        remote = found["type"].lower().endswith("r")
+        remote = fields["type"].lower().endswith("r")
         try:
-            content = b"" if remote else bytes(int(byte, numbers) for byte in found["data"].split())
-            if not remote and len(content) != int(found["length"]):
+            content = b"" if remote else bytes(int(byte, numbers) for byte in fields["data"].split())
+            if not remote and len(content) != int(fields["length"]):
                 raise ValueError("length")
-            extended = found["type"].lower().startswith("x")
-            identifier = int(found["id"], 0 if found["id"].lower().startswith("0x") else numbers)
-            yield _frame(midnight + time, identifier, extended, found["channel"], content, remote=remote)
+            extended = fields["type"].lower().startswith("x")
+            identifier = int(fields["id"], 0 if fields["id"].lower().startswith("0x") else numbers)
+            yield _frame(midnight + time, identifier, extended, fields["channel"], content, remote=remote)
         except ValueError:
             lost(f"line {number} is not a frame of BUSMASTER: {shown(line)}")
 
 
-def _busmaster_start(found: re.Match[str], lost: Lost) -> float:
+def _busmaster_start(fields: re.Match[str], lost: Lost) -> float:
     """Unix time of the start of a log, which has no time zone and is taken for UTC; 0 where it is no date."""
-    day, month, year, hour, minute, second, millisecond = map(int, found.groups())
+    day, month, year, hour, minute, second, millisecond = map(int, fields.groups())
     try:
         start = datetime(year, month, day, hour, minute, second, tzinfo=UTC)
     except ValueError:
-        lost(f"{found[0]!r} is no date; the times count from 1970")
+        lost(f"{fields[0]!r} is no date; the times count from 1970")
         return 0.0
     return start.timestamp() + millisecond * 1e-3
 

@@ -109,11 +109,11 @@ class Validity:
         coded = np.isin(raw, list(self.codes)) if self.codes else np.zeros(len(raw), bool)
         if math.isfinite(self.first_code):
             coded |= raw >= self.first_code
-        found = ~coded & (values >= self.lowest) & (values <= self.highest)
-        inside = np.flatnonzero(found & good)
+        valid = ~coded & (values >= self.lowest) & (values <= self.highest)
+        inside = np.flatnonzero(valid & good)
         last_inside = -1
         before: float | None = None
-        for row in np.flatnonzero(~found & good):  # few, as most values are in their range
+        for row in np.flatnonzero(~valid & good):  # few, as most values are in their range
             place = int(np.searchsorted(inside, row)) - 1
             if place > last_inside:
                 before, last_inside = float(values[inside[place]]), place
@@ -121,10 +121,10 @@ class Validity:
             if reason:
                 said[reason] += 1
             else:
-                found[row] = True
+                valid[row] = True
                 before = float(values[row])
                 said[self.beyond] += 1
-        return found
+        return valid
 
 
 def _range_of(signal: DbcSignal, field: SignalField) -> tuple[tuple[float, float, str] | None, str]:

@@ -232,13 +232,13 @@ class GnssChannels:
         monitors = [self.fix_monitor, self.velocity_monitor]
         if self.attitude_monitor.accepted or self.attitude_monitor.faults:
             monitors.append(self.attitude_monitor)
-        found = [monitor.diagnostic(now) for monitor in monitors]
+        diagnostics = [monitor.diagnostic(now) for monitor in monitors]
         if not self.SOONEST <= self._delay <= self.SLOWEST:
             side = "ahead of" if self._delay > 0 else "behind"
             text = f"the computer's clock is {abs(self._delay) / NANO:.1f} s {side} the receiver's: "
             text += "set it by UTC (chrony, PTP), or look at the receiver's date"
-            found.append(Diagnostic("gnss: clocks", Level.WARN, text))
-        return [*found, *self.watch.diagnostics(now)]
+            diagnostics.append(Diagnostic("gnss: clocks", Level.WARN, text))
+        return [*diagnostics, *self.watch.diagnostics(now)]
 
 
 class LinkStatistics:

@@ -309,24 +309,24 @@ class XbusDecoder:
 
 def _packets(data: bytes) -> dict[int, bytes] | None:
     """Payloads by identifier; None if they do not fill the message exactly."""
-    found: dict[int, bytes] = {}
+    payloads: dict[int, bytes] = {}
     position = 0
     while position + 3 <= len(data):
         identifier, length = struct.unpack_from(">HB", data, position)
         payload = data[position + 3 : position + 3 + length]
         if len(payload) < length:
             return None
-        found[identifier] = payload
+        payloads[identifier] = payload
         position += 3 + length
-    return found if position == len(data) else None
+    return payloads if position == len(data) else None
 
 
 def _numbers(packets: dict[int, bytes], identifier: int, count: int) -> NDArray[np.float64] | None:
     """Numbers (count,) in any of the four formats, in whichever coordinates their identifier names."""
-    for found, payload in packets.items():
-        if found & 0xFFF0 != identifier:
+    for kind, payload in packets.items():
+        if kind & 0xFFF0 != identifier:
             continue
-        form = found & 0x3
+        form = kind & 0x3
         if form in _FLOATS and len(payload) == count * struct.calcsize(_FLOATS[form]):
             return np.array(struct.unpack(f">{count}{_FLOATS[form]}", payload), float)
         if form == _FIXED_16_32 and len(payload) == 6 * count:  # each: fraction, 32 bits, then the whole part

@@ -187,16 +187,16 @@ struct innovation {
 
 /* projected (used x n) = H P, of which elements of H that are zero are left out: in all rows at once where they have
  * most of their elements in the same columns, else row by row. */
-static void project(const struct innovation *found, const double *p, double (*projected)[STATES]) {
+static void project(const struct innovation *innovation, const double *p, double (*projected)[STATES]) {
     double factors[STATES * COMPONENTS];
     const double *from[STATES];
-    const int used = found->used;
+    const int used = innovation->used;
     int count = 0, elements = 0;
     for (int k = 0; k < n; k++) {
         int here = 0;
         for (int a = 0; a < used; a++) {
-            factors[count * used + a] = found->rows[a][k];
-            here += is_zero(found->rows[a][k]) ? 0 : 1;
+            factors[count * used + a] = innovation->rows[a][k];
+            here += is_zero(innovation->rows[a][k]) ? 0 : 1;
         }
         elements += here;
         if (here > 0) from[count++] = p + k * n;
@@ -208,8 +208,8 @@ static void project(const struct innovation *found, const double *p, double (*pr
     for (int a = 0; a < used; a++) {
         count = 0;
         for (int k = 0; k < n; k++)
-            if (!is_zero(found->rows[a][k])) {
-                factors[count] = found->rows[a][k];
+            if (!is_zero(innovation->rows[a][k])) {
+                factors[count] = innovation->rows[a][k];
                 from[count++] = p + k * n;
             }
         set_rows(1, n, projected[a], n, count, factors, 0, 1, from);
@@ -245,10 +245,10 @@ static void add_symmetric(double *p, int count, const double *factor, const doub
 }
 
 /* L L' = total in place, below the diagonal, and weights = L^-1 innovation; returns their squared norm, or NaN. */
-static double whiten(struct innovation *found, double *inverse_diagonal) {
-    double (*const total)[COMPONENTS] = found->factor, nis = 0;
-    for (int a = 0; a < found->used; a++) {
-        double sum, w = found->residual[a];
+static double whiten(struct innovation *innovation, double *inverse_diagonal) {
+    double (*const total)[COMPONENTS] = innovation->factor, nis = 0;
+    for (int a = 0; a < innovation->used; a++) {
+        double sum, w = innovation->residual[a];
         for (int b = 0; b < a; b++) {
             sum = total[a][b];
             for (int k = 0; k < b; k++) sum -= total[a][k] * total[b][k];
@@ -257,28 +257,28 @@ static double whiten(struct innovation *found, double *inverse_diagonal) {
         sum = total[a][a];
         for (int k = 0; k < a; k++) {
             sum -= total[a][k] * total[a][k];
-            w -= total[a][k] * found->weights[k];
+            w -= total[a][k] * innovation->weights[k];
         }
         if (!(sum > 0.0)) return (double)NAN;
         total[a][a] = sqrt(sum);
         inverse_diagonal[a] = 1 / total[a][a];
-        found->weights[a] = w * inverse_diagonal[a];
-        nis += found->weights[a] * found->weights[a];
+        innovation->weights[a] = w * inverse_diagonal[a];
+        nis += innovation->weights[a] * innovation->weights[a];
     }
     return nis;
 }
 
 /* Corrects the covariance, P - W W' with W = P H' L^-T, and writes the error of the state (n), of an innovation whose
- * covariance stands in `found->factor` and that with the state in `projected`, which is used up.
+ * covariance stands in `innovation->factor` and that with the state in `projected`, which is used up.
  *
  * Returns the squared norm of the innovation in units of its standard deviation; the correction is made only where that
  * is at most `limit`. NaN: the covariance of the innovation is not positive definite. */
-static double apply(struct innovation *found, double (*projected)[STATES], double *p, double *error, double limit) {
+static double apply(struct innovation *innovation, double (*projected)[STATES], double *p, double *error, double limit) {
     double negative[COMPONENTS][STATES], inverse[COMPONENTS], factors[COMPONENTS] = {0};
-    double (*const total)[COMPONENTS] = found->factor;
+    double (*const total)[COMPONENTS] = innovation->factor;
     const double *from[COMPONENTS] = {0};
-    const int used = found->used;
-    const double nis = whiten(found, inverse);
+    const int used = innovation->used;
+    const double nis = whiten(innovation, inverse);
     if (!(nis <= limit)) return nis;
     for (int a = 0; a < used; a++) { /* projected := L^-1 H P = W' */
         for (int k = 0; k < a; k++) factors[k] = -total[a][k];
@@ -290,22 +290,22 @@ static double apply(struct innovation *found, double (*projected)[STATES], doubl
         }
     }
     (void)memset(error, 0, n * sizeof *error);
-    combine(n, error, used, found->weights, from);
+    combine(n, error, used, innovation->weights, from);
     add_symmetric(p, used, negative[0], from);
     return nis;
 }
 
 /* `apply` of what an innovation's rows say; `scale` multiplies its covariance. */
-static double update(struct innovation *found, double *p, double *error, double scale, double limit) {
+static double update(struct innovation *innovation, double *p, double *error, double scale, double limit) {
     double projected[COMPONENTS][STATES];
-    double (*const total)[COMPONENTS] = found->factor;
-    project(found, p, projected);
-    for (int a = 0; a < found->used; a++) {
+    double (*const total)[COMPONENTS] = innovation->factor;
+    project(innovation, p, projected);
+    for (int a = 0; a < innovation->used; a++) {
         for (int b = 0; b <= a; b++) {
-            total[a][b] = scale * dot(n, projected[a], found->rows[b]);
+            total[a][b] = scale * dot(n, projected[a], innovation->rows[b]);
             total[b][a] = total[a][b];
         }
-        total[a][a] += scale * found->variance[a];
+        total[a][a] += scale * innovation->variance[a];
     }
-    return apply(found, projected, p, error, limit);
+    return apply(innovation, projected, p, error, limit);
 }

@@ -45,8 +45,8 @@ def turned(q: ca.SX, vector: ca.SX) -> ca.SX:
 
 def retract(q: ca.SX, delta: ca.SX) -> ca.SX:
     """q ⊞ δ (4,), of unit length whatever rounding did to `q`."""
-    found = product(q, rotation(delta))
-    return found / ca.norm_2(found)
+    turned = product(q, rotation(delta))
+    return turned / ca.norm_2(turned)
 
 
 def difference(p: ca.SX, q: ca.SX) -> ca.SX:

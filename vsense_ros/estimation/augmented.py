@@ -65,8 +65,8 @@ class Augmented(StateSpace):
         state, every = self._split(x, theta)
         at = Symbols(self.system)
         old = [at.x.vector, at.u.vector, at.theta.vector, at.h]
-        found = ca.substitute([at.noise()], old, [state.vector, u.vector, every.vector, h])[0]
-        return ca.diagcat(found, ca.diag(ca.SX(self.density) * h))
+        own = ca.substitute([at.noise()], old, [state.vector, u.vector, every.vector, h])[0]
+        return ca.diagcat(own, ca.diag(ca.SX(self.density) * h))
 
     def retract(self, x: Named, delta: ca.SX) -> Any:
         """The system's, and + for the parameters."""

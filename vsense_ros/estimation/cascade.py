@@ -175,11 +175,11 @@ class Cascade(Filter):
         keys, links = corrected
         if len(keys) == 1 and not links:
             return self.filters[keys[0]].correct(sensor, value, variance, limit, scale)  # type: ignore[no-any-return]
-        found = [_copied(self.filters[key].correct(sensor, value, variance, limit, scale)) for key in keys]
+        innovations = [_copied(self.filters[key].correct(sensor, value, variance, limit, scale)) for key in keys]
         for one in links:
             target, measurement = self.filters[one.link.target], one.link.measurement
-            found.append(_copied(target.correct(measurement, *one.made(value, variance), limit, scale)))
-        return _together(found)
+            innovations.append(_copied(target.correct(measurement, *one.made(value, variance), limit, scale)))
+        return _together(innovations)
 
     def belief(self) -> Gaussian:
         """Mean and covariance of all filters, nothing between them."""
@@ -236,10 +236,10 @@ class InputLink:
         self.variances = [known.index(name) for name in link.variances]
         at = Symbols(_system(self._source))
         u = Named(ca.SX.sym("u", len(cascade.input_names)), cascade.input_names, "input")
-        found = expression(link.equation(at.x, u))
-        if found.numel() != len(link.names) or len(link.variances) not in (0, len(link.names)):
-            raise InputError(f"the link to {', '.join(link.names)} of {link.target!r} gives {found.numel()} numbers")
-        results = [found, at.by_error(found)]
+        inputs = expression(link.equation(at.x, u))
+        if inputs.numel() != len(link.names) or len(link.variances) not in (0, len(link.names)):
+            raise InputError(f"the link to {', '.join(link.names)} of {link.target!r} gives {inputs.numel()} numbers")
+        results = [inputs, at.by_error(inputs)]
         self.function = codegen.function("passed", [at.x.vector, u.vector], results, ("x", "u"))
         self._kernel = Kernel(self.function, [self._source.mean, cascade.inputs])
 
@@ -259,10 +259,10 @@ class MeasurementLink:
         self.link, self._source = link, cascade.filters[link.source]
         at = Symbols(_system(self._source))
         value = ca.SX.sym("value", len(link.sensor.deviations))
-        found = expression(link.equation(at.x, value))
-        by = [link.repeats**0.5 * at.by_error(found), ca.jacobian(found, value)]
+        measured = expression(link.equation(at.x, value))
+        by = [link.repeats**0.5 * at.by_error(measured), ca.jacobian(measured, value)]
         self._value = np.zeros(value.numel())
-        self.function = codegen.function("passed", [at.x.vector, value], [found, *by], ("x", "value"))
+        self.function = codegen.function("passed", [at.x.vector, value], [measured, *by], ("x", "value"))
         self._kernel = Kernel(self.function, [self._source.mean, self._value])
 
     def made(self, value: Array, variance: Array) -> tuple[Array, Array]:
@@ -271,9 +271,9 @@ class MeasurementLink:
             raise misfit(self.link.sensor.name, len(self._value), value)
         self._value[:] = value
         self._kernel.call()
-        found, by_error, by_value = self._kernel.results
+        measured, by_error, by_value = self._kernel.results
         variances = _variances(by_error, self._source.covariance) + np.square(by_value) @ variance
-        return found[:, 0].copy(), variances
+        return measured[:, 0].copy(), variances
 
 
 def _variances(by_error: Array, covariance: Array) -> Array:
@@ -281,19 +281,19 @@ def _variances(by_error: Array, covariance: Array) -> Array:
     return np.asarray(((by_error @ covariance) * by_error).sum(axis=1))
 
 
-def _copied(found: Innovation) -> Innovation:
-    return found._replace(whitened=found.whitened.copy(), factor=found.factor.copy())
+def _copied(innovation: Innovation) -> Innovation:
+    return innovation._replace(whitened=innovation.whitened.copy(), factor=innovation.factor.copy())
 
 
-def _together(found: list[Innovation]) -> Innovation:
+def _together(innovations: list[Innovation]) -> Innovation:
     """Several innovations as one."""
-    if len(found) == 1:
-        return found[0]
-    m = sum(len(one.whitened) for one in found)
+    if len(innovations) == 1:
+        return innovations[0]
+    m = sum(len(one.whitened) for one in innovations)
     whitened, factor, nis, at = np.empty(m), np.zeros((m, m)), -1.0, 0
-    for one in found:
+    for one in innovations:
         part = slice(at, at + len(one.whitened))
         whitened[part], factor[part, part], at = one.whitened, one.factor, part.stop
         if not one.nis < 0:
             nis = max(nis, 0.0) + one.nis
-    return Innovation(whitened, factor, nis, all(one.accepted for one in found))
+    return Innovation(whitened, factor, nis, all(one.accepted for one in innovations))

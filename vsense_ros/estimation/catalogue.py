@@ -77,15 +77,15 @@ class Catalogue:
 
     def __getitem__(self, name: str) -> FilterFamily:
         """Raises `InputError` for a name that is not there, with those that are."""
-        found = self._families.get(name)
-        if found is None:
+        family = self._families.get(name)
+        if family is None:
             near = get_close_matches(name, self._families, 1)
             hint = f", did you mean {near[0]!r}?" if near else "."
             listed = [one.name for one in self.recommended]
             others = len(self) - len(listed)
             more = f"; `vsense filters --all` lists {others} more, to compare with" if others else ""
             raise InputError(f"there is no filter {name!r}{hint} There are: {', '.join(listed) or 'none'}{more}")
-        return found
+        return family
 
 
 def described(families: Iterable[FilterFamily]) -> Group:

@@ -98,8 +98,8 @@ class Dense:
         kernels = self._kernels
         kernels.h[0] = _CHECKED
         kernels.transition.call()
-        for found, what in zip(kernels.transition.results, ("state", "Jacobian", "noise"), strict=True):
-            if not np.isfinite(found).all():
+        for result, what in zip(kernels.transition.results, ("state", "Jacobian", "noise"), strict=True):
+            if not np.isfinite(result).all():
                 raise InputError(f"{title(self.system)}: after a step the {what} is not finite, {self._where()}")
         for name, kernel in kernels.sense.items():
             kernel.value[:] = 0.0
@@ -228,8 +228,8 @@ class _Sense:
         self.name, self.value = measurement.name, np.zeros(m)
         self.kernel = Kernel(function, [*at, self.value])
         self.call = self.kernel.call
-        found, by_error, self._used = self.kernel.results
-        self.residual, self.by_error = found[:, 0], by_error.T
+        residual, by_error, self._used = self.kernel.results
+        self.residual, self.by_error = residual[:, 0], by_error.T
 
     @property
     def used(self) -> bool:
@@ -260,10 +260,10 @@ class _Kernels:
 
     def of(self, sensor: str) -> _Sense:
         """One sensor's. Raises `InputError` if there is none of this name."""
-        found = self.sense.get(sensor)
-        if found is None:
+        sense = self.sense.get(sensor)
+        if sense is None:
             raise unknown_sensor(sensor, tuple(self.sense))
-        return found
+        return sense
 
     def matrix(self) -> Array:
         """F (e, e) of the last call."""
@@ -275,9 +275,9 @@ class _Kernels:
 
     def _square(self, places: Places, elements: Array) -> Array:
         e = self.functions.errors
-        found = np.zeros(e * e)
-        found[places] = elements[: len(places), 0]
-        return found.reshape(e, e)
+        square = np.zeros(e * e)
+        square[places] = elements[: len(places), 0]
+        return square.reshape(e, e)
 
 
 _COUNT = ctypes.c_longlong
@@ -308,13 +308,13 @@ def _compiled(dense: Dense, kernels: _Kernels) -> Operations | None:
     every = [kernels.transition, kernels.retract, *(sense.kernel for sense in kernels.sense.values())]
     if any(kernel.entry() is None for kernel in every):
         return None
-    compiled = library("ekf", kernels.functions.errors, "estimation/found.c", "estimation/ekf.c")
+    compiled = library("ekf", kernels.functions.errors, "estimation/innovation.c", "estimation/ekf.c")
     if compiled is None:
         return None
-    found = np.full(COMPONENTS, np.nan), np.zeros(COMPONENTS**2)
+    innovation = np.full(COMPONENTS, np.nan), np.zeros(COMPONENTS**2)
     sensors = {name: (_sensor(sense), sense.components) for name, sense in kernels.sense.items()}
     impossible = f"{title(dense.system)} cannot be moved: its state would not be finite"
-    return Operations(compiled, _live(dense, kernels, *found), sensors, kernels.h, found, impossible)
+    return Operations(compiled, _live(dense, kernels, *innovation), sensors, kernels.h, innovation, impossible)
 
 
 def _live(dense: Dense, kernels: _Kernels, whitened: Array, factor: Array) -> _Live:
@@ -344,8 +344,8 @@ def _live(dense: Dense, kernels: _Kernels, whitened: Array, factor: Array) -> _L
 
 
 def _sensor(sense: _Sense) -> _Sensor:
-    found, by_error, used = (result.reshape(-1, order="F") for result in sense.kernel.results)
-    arrays = {"value": sense.value, "residual": found, "by_error": by_error, "used": used}
+    residual, by_error, used = (result.reshape(-1, order="F") for result in sense.kernel.results)
+    arrays = {"value": sense.value, "residual": residual, "by_error": by_error, "used": used}
     addresses = {name: array.ctypes.data for name, array in arrays.items()}
     made = _Sensor(sense=sense.kernel.entry(), components=sense.components, **addresses)
     made.kept = arrays  # type: ignore[attr-defined]

@@ -56,29 +56,31 @@ static int step(const struct live *live, const double *process) {
 }
 
 /* The components that are there; returns how many. `component` says which each of them is. */
-static int sensed(const struct sensor *sensor, const double *variance, struct innovation *found, int *component) {
+static int sensed(const struct sensor *sensor, const double *variance, struct innovation *innovation, int *component) {
     int used = 0;
     run(&sensor->sense);
     for (int a = 0; a < sensor->components && !is_zero(*sensor->used); a++) {
         if (!isfinite(sensor->residual[a])) continue;
-        (void)memcpy(found->rows[used], sensor->by_error + a * n, n * sizeof(double));
-        found->residual[used] = sensor->residual[a];
-        found->variance[used] = variance[a];
+        (void)memcpy(innovation->rows[used], sensor->by_error + a * n, n * sizeof(double));
+        innovation->residual[used] = sensor->residual[a];
+        innovation->variance[used] = variance[a];
         component[used] = a;
         used++;
     }
-    found->used = used;
+    innovation->used = used;
     return used;
 }
 
 static double measure(const struct live *live, const struct sensor *sensor, const double *value,
                       const double *variance, double limit, double scale) {
-    struct innovation found;
+    struct innovation innovation;
     int component[COMPONENTS] = {0};
     double nis = -1;
     (void)memcpy(sensor->value, value, (size_t)sensor->components * sizeof(double));
-    if (sensed(sensor, variance, &found, component) > 0) nis = update(&found, live->covariance, live->error, scale, limit);
-    report(live->whitened, live->factor, (int)sensor->components, &found, component);
+    if (sensed(sensor, variance, &innovation, component) > 0) {
+        nis = update(&innovation, live->covariance, live->error, scale, limit);
+    }
+    report(live->whitened, live->factor, (int)sensor->components, &innovation, component);
     if (!(nis >= 0 && nis <= limit)) return nis;
     if (live->retract.function != 0) {
         run(&live->retract);

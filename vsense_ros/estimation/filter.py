@@ -161,19 +161,19 @@ class Filter(ABC):
         Returns how many happened, whether the filter moved to the one that did not, and the normalized innovation
         squared of each (0 for inputs). A filter that is compiled does all of them in one call.
         """
-        found: list[float] = []
+        squares: list[float] = []
         for step, event in events:
             if step is not None and not self.advance(step):
-                return len(found), False, found
+                return len(squares), False, squares
             if isinstance(event, Given):
                 self.give(event)
-                found.append(0.0)
+                squares.append(0.0)
                 continue
             nis = self.correct(event.sensor, event.value, event.variance, event.limit).nis
             if not nis <= event.limit:
-                return len(found), True, [*found, nis]
-            found.append(nis)
-        return len(found), False, found
+                return len(squares), True, [*squares, nis]
+            squares.append(nis)
+        return len(squares), False, squares
 
     def follow(self, course: Course, every: int = 0) -> Followed:
         """Go along a course: correct, step, correct … A step has the mean of the inputs at its two ends; with those of

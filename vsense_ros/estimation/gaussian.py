@@ -94,17 +94,17 @@ def whiten(residual: Array, total: Array, across: Array) -> Whitened:
     """
     present = np.isfinite(residual)
     whitened = np.full(len(residual), np.nan)
-    found = residual
+    measured = residual
     if not present.all():
-        total, across, found = total[np.ix_(present, present)], across[present], residual[present]
-        if not found.size:
+        total, across, measured = total[np.ix_(present, present)], across[present], residual[present]
+        if not measured.size:
             return Whitened(present, whitened, total, across, -1.0)
     # LAPACK itself: NumPy and SciPy spend more time on looking at such small matrices than on their decomposition.
     factor, failed = lapack.dpotrf(total, lower=True)
     if failed or not isfinite(factor.item(-1)):
         return Whitened(present, whitened, np.full_like(total, np.nan), across, np.nan)
     inverse = lapack.dtrtri(factor, lower=True)[0]
-    weights, projected = inverse.dot(found), inverse.dot(across)
+    weights, projected = inverse.dot(measured), inverse.dot(across)
     whitened[present] = weights
     return Whitened(present, whitened, factor, projected, float(weights.dot(weights)))
 

@@ -277,7 +277,7 @@ class Intake(Generic[Sensor]):
 
 def by_topic(sensors: Sequence[Source]) -> dict[str, list[int]]:
     """Places of the sensors that listen to each topic."""
-    found: dict[str, list[int]] = {}
+    indices: dict[str, list[int]] = {}
     for i, sensor in enumerate(sensors):
-        found.setdefault(sensor.topic, []).append(i)
-    return found
+        indices.setdefault(sensor.topic, []).append(i)
+    return indices

@@ -120,9 +120,9 @@ def _corrected(system: Dense, belief: Gaussian, used: Used, error: Array, covari
 def _backwards(steps: Sequence[tuple[Array, Gaussian, Gaussian]]) -> list[Gaussian]:
     """Errors of all instants, given all measurements (Rauch, Tung & Striebel 1965)."""
     later = steps[-1][2]
-    found = [later]
+    beliefs = [later]
     for (_, _, after), (transition, before, _) in zip(reversed(steps[:-1]), reversed(steps[1:]), strict=True):
         gain, covariance = smoothing(after.covariance, transition, before.covariance, later.covariance)
         later = Gaussian(after.mean + gain @ (later.mean - before.mean), covariance)
-        found.append(later)
-    return found[::-1]
+        beliefs.append(later)
+    return beliefs[::-1]

@@ -72,10 +72,10 @@ class Operations:
         live: ctypes.Structure,
         sensors: Mapping[str, tuple[ctypes.Structure, int]],
         h: Array,
-        found: tuple[Array, Array],
+        innovation: tuple[Array, Array],
         impossible: str,
     ) -> None:
-        self.whitened, self.factor = found
+        self.whitened, self.factor = innovation
         self._structures = live, sensors
         self._live, self._impossible = ctypes.addressof(live), impossible
         self._length: Any = h.data

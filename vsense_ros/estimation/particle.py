@@ -69,8 +69,8 @@ class ParticleFilter(GaussianFilter):
         for one in measurements:
             value = ca.SX.sym("value", len(one.deviations))
             expected, used = at.measured(one)
-            found = [residual(value, expected, one.angles), used]
-            self._sense[one.name] = ca.Function("sense", [*at.now, value], found).map(count)
+            results = [residual(value, expected, one.angles), used]
+            self._sense[one.name] = ca.Function("sense", [*at.now, value], results).map(count)
 
     def _random(self) -> np.random.Generator:
         """The next numbers, by how often some were drawn."""
@@ -106,12 +106,14 @@ class ParticleFilter(GaussianFilter):
         if sensor not in self._sense:
             raise unknown_sensor(sensor, self.sensors)
         check_variances(sensor, value, variance)
-        found, used = (np.array(one) for one in self._sense[sensor](self.cloud, self.inputs, self.parameters, value))
-        present = np.isfinite(found).all(axis=1) & bool(used.any())
+        residuals, used = (
+            np.array(one) for one in self._sense[sensor](self.cloud, self.inputs, self.parameters, value)
+        )
+        present = np.isfinite(residuals).all(axis=1) & bool(used.any())
         m = len(value)
         if not present.any():
             return Innovation(np.full(m, np.nan), np.eye(m), -1.0, False)
-        weights, off = np.exp(self.log_weights), found[present]
+        weights, off = np.exp(self.log_weights), residuals[present]
         mean = off @ weights
         total = scale * ((off - mean[:, None]) * weights @ (off - mean[:, None]).T + np.diag(variance[present]))
         factor = np.linalg.cholesky(total)

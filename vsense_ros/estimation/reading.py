@@ -228,7 +228,7 @@ class StatedNoise:
 
 def noise_at_start(recording: Recording, sensors: Mapping[str, Source]) -> dict[str, StatedNoise]:
     """By sensor, which standard deviations count with its first message that can be read."""
-    found = {}
+    noisy = {}
     for index, (name, sensor) in enumerate(sensors.items()):
         if sensor.topic not in recording:
             continue
@@ -239,8 +239,8 @@ def noise_at_start(recording: Recording, sensors: Mapping[str, Source]) -> dict[
             usual = sensor.deviations()
             known = usual > 0
             ratio = float(np.max(np.sqrt(first.variance[known]) / usual[known], initial=0.0))
-            found[name] = StatedNoise(words, ratio)
-    return found
+            noisy[name] = StatedNoise(words, ratio)
+    return noisy
 
 
 def _believed(stated: bytes, least: Array, usual: Array) -> tuple[Array, NDArray[np.bool_] | None]:

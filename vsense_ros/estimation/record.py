@@ -73,16 +73,16 @@ class Record(Filter):
         self, sensor: str, value: Array, variance: Array, limit: float = np.inf, scale: float = 1.0
     ) -> Innovation:
         """As the filter does, kept with the present instant."""
-        residual, by_error = (found.copy() for found in self.system.sense(sensor, value))
+        residual, by_error = (part.copy() for part in self.system.sense(sensor, value))
         given = np.asarray(value, dtype=float).copy(), scale * np.asarray(variance, dtype=float)
         self.instants[-1].used.append(Used(sensor, *given, self.inputs.copy(), limit))
-        found = self.filter.correct(sensor, value, variance, limit, scale)
-        if found.accepted:
+        innovation = self.filter.correct(sensor, value, variance, limit, scale)
+        if innovation.accepted:
             present = np.isfinite(residual)
             h = by_error[present]
             self.instants[-1].information += h.T @ (h / np.asarray(variance)[present, None])
             self.instants[-1].after = self.filter.belief()
-        return found
+        return innovation
 
     def belief(self) -> Gaussian:
         """As the filter."""

@@ -24,10 +24,10 @@ def smoothed(record: Record) -> list[Gaussian]:
 
 
 def _backwards(instants: Sequence[Instant], system: Dense) -> list[Gaussian]:
-    found = [instants[-1].after]
+    beliefs = [instants[-1].after]
     for now, following in zip(reversed(instants[:-1]), reversed(instants[1:]), strict=True):
-        found.append(_step(now, following, found[-1], system))
-    return found[::-1]
+        beliefs.append(_step(now, following, beliefs[-1], system))
+    return beliefs[::-1]
 
 
 def _step(now: Instant, following: Instant, later: Gaussian, system: Dense) -> Gaussian:

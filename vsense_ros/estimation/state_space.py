@@ -127,8 +127,8 @@ class Measurement:
 
     def measured(self, value: Sequence[float] | Array, variances: Array | None = None) -> Measured:
         """A value (m,) of this sensor, as a filter takes it: `filter.correct(*sensor.measured(value))`."""
-        found = np.asarray(value, dtype=float)
-        return Measured(self.name, found, self.variances if variances is None else variances, self.limit)
+        values = np.asarray(value, dtype=float)
+        return Measured(self.name, values, self.variances if variances is None else variances, self.limit)
 
 
 class Symbols:
@@ -149,17 +149,17 @@ class Symbols:
 
     def moved(self) -> ca.SX:
         """State after a step, (n,)."""
-        found = expression(self.system.transition(self.x, self.u, self.theta, self.h))
-        return shaped(found, (len(self.system.names), 1), f"the transition of {title(self.system)}")
+        moved = expression(self.system.transition(self.x, self.u, self.theta, self.h))
+        return shaped(moved, (len(self.system.names), 1), f"the transition of {title(self.system)}")
 
     def noise(self) -> ca.SX:
         """Covariance that a step adds, (e, e)."""
         e, system = len(self.system.error_names), self.system
-        found = expression(system.noise(self.x, self.u, self.theta, self.h))
-        if found.shape == (e, 1):
-            return ca.sparsify(ca.diag(found))
+        noise = expression(system.noise(self.x, self.u, self.theta, self.h))
+        if noise.shape == (e, 1):
+            return ca.sparsify(ca.diag(noise))
         what = f"the noise of {title(system)}, where variances are not {e} numbers in one column,"
-        return ca.sparsify(shaped(found, (e, e), what))
+        return ca.sparsify(shaped(noise, (e, e), what))
 
     def measured(self, measurement: Measurement) -> tuple[ca.SX, ca.SX]:
         """What a sensor should measure (m,), and a number that is not zero where it is used."""
@@ -168,21 +168,21 @@ class Symbols:
         z = expression(system.auxiliary(self.x, self.u, self.theta))
         z = shaped(z, (len(system.auxiliaries), 1), f"what is auxiliary in {title(system)}")
         named = Named(z, system.auxiliaries, "auxiliary quantity")
-        found = expression(measurement.equation(x, named, self.u, theta))
+        measured = expression(measurement.equation(x, named, self.u, theta))
         what = f"the measurement {measurement.name!r} of {title(system)}, which has as many deviations,"
-        found = shaped(found, (len(measurement.deviations), 1), what)
+        measured = shaped(measured, (len(measurement.deviations), 1), what)
         used = ca.SX(1) if measurement.when is None else expression(measurement.when(x, self.u, theta))
-        return found, shaped(used, (1, 1), f"the condition of the measurement {measurement.name!r}")
+        return measured, shaped(used, (1, 1), f"the condition of the measurement {measurement.name!r}")
 
     def retracted(self, delta: ca.SX) -> ca.SX:
         """x ⊞ δ, (n,)."""
-        found = expression(self.system.retract(self.x, delta))
-        return shaped(found, (len(self.system.names), 1), f"⊞ of {title(self.system)}")
+        moved = expression(self.system.retract(self.x, delta))
+        return shaped(moved, (len(self.system.names), 1), f"⊞ of {title(self.system)}")
 
     def difference(self, y: ca.SX) -> ca.SX:
         """y ⊟ x, (e,)."""
-        found = expression(self.system.difference(Named(y, self.system.names, "state"), self.x))
-        return shaped(found, (len(self.system.error_names), 1), f"⊟ of {title(self.system)}")
+        error = expression(self.system.difference(Named(y, self.system.names, "state"), self.x))
+        return shaped(error, (len(self.system.error_names), 1), f"⊟ of {title(self.system)}")
 
     def outward(self) -> ca.SX:
         """∂(x ⊞ δ)/∂δ at δ = 0, (n, e): from a derivative by the state to one by its error."""
@@ -194,9 +194,9 @@ class Symbols:
         y = ca.SX.sym("y", len(self.system.names))
         return ca.substitute(ca.substitute(ca.jacobian(self.difference(y), y), y, self.x.vector), self.x.vector, at)
 
-    def by_error(self, found: ca.SX) -> ca.SX:
+    def by_error(self, term: ca.SX) -> ca.SX:
         """Derivative of an expression by the error of the state."""
-        by_state = ca.jacobian(found, self.x.vector)
+        by_state = ca.jacobian(term, self.x.vector)
         return by_state if self.system.is_flat else by_state @ self.outward()
 
     def transition_matrix(self, moved: ca.SX) -> ca.SX:
@@ -213,22 +213,22 @@ def wrapped(angle: ca.SX) -> ca.SX:
 
 def residual(value: ca.SX, expected: ca.SX, angles: Sequence[int]) -> ca.SX:
     """Innovation (m,): value less expectation, angles wrapped."""
-    found = value - expected
-    return ca.vertcat(*(wrapped(found[i]) if i in angles else found[i] for i in range(found.numel())))
+    difference = value - expected
+    return ca.vertcat(*(wrapped(difference[i]) if i in angles else difference[i] for i in range(difference.numel())))
 
 
-def expression(found: Any) -> ca.SX:
+def expression(given: Any) -> ca.SX:
     """What an equation returned, as one expression: a list of scalars is a column."""
-    if isinstance(found, (list, tuple)):
-        return ca.vertcat(ca.SX(0, 1), *found)
-    return ca.SX(found)
+    if isinstance(given, (list, tuple)):
+        return ca.vertcat(ca.SX(0, 1), *given)
+    return ca.SX(given)
 
 
-def shaped(found: ca.SX, shape: tuple[int, int], what: str) -> ca.SX:
+def shaped(term: ca.SX, shape: tuple[int, int], what: str) -> ca.SX:
     """The expression, if it has this shape. Raises `InputError`."""
-    if found.shape != shape:
-        raise InputError(f"{what} must be {_in_words(shape)}, but is {_in_words(found.shape)}")
-    return found
+    if term.shape != shape:
+        raise InputError(f"{what} must be {_in_words(shape)}, but is {_in_words(term.shape)}")
+    return term
 
 
 def _in_words(shape: tuple[int, int]) -> str:
@@ -262,22 +262,22 @@ def parameter_values(system: StateSpace, values: Mapping[str, float] | Sequence[
         if unknown := [name for name in values if name not in names]:
             raise InputError(f"{title(system)} has no parameter {unknown[0]!r}; it has: {', '.join(names) or 'none'}")
         values = [values[name] for name in names]
-    found = np.array(values, dtype=float)
-    if found.shape != (len(names),):
-        raise InputError(f"{title(system)} has {len(names)} parameters ({', '.join(names)}), but got {found.size}")
-    return found
+    parameters = np.array(values, dtype=float)
+    if parameters.shape != (len(names),):
+        raise InputError(f"{title(system)} has {len(names)} parameters ({', '.join(names)}), but got {parameters.size}")
+    return parameters
 
 
 def by_name(measurements: Sequence[Measurement], components: int) -> dict[str, Measurement]:
     """Measurements by their names. Raises `InputError` for two of one name, and for more than `components` numbers."""
-    found: dict[str, Measurement] = {}
+    known: dict[str, Measurement] = {}
     for one in measurements:
-        if one.name in found:
+        if one.name in known:
             raise InputError(f"there are two measurements called {one.name!r}")
         m = len(one.deviations)
         if not 1 <= m <= components:
             raise InputError(f"the measurement {one.name!r} has {m} components; possible are 1 to {components}")
         if not all(0 <= i < m for i in one.angles):
             raise InputError(f"the angles of the measurement {one.name!r} must be among its components 0 to {m - 1}")
-        found[one.name] = one
-    return found
+        known[one.name] = one
+    return known

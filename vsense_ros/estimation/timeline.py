@@ -75,11 +75,11 @@ class Timeline:
     be gone back to by `rewind`, tenths of a second apart.
 
     Measurements at most `merge` [s] after an instant belong to it. `act(event)` lets an event act on the filter at its
-    present time and reports it; by default the filter corrects, or takes inputs, and `found(event, nis, innovation)`
-    is called once for each event, with the innovation if the filter has not gone on since. `in_one_go()` says whether
-    events that are repeated may act all at once, without `act`. `afterwards()` is called when something has happened,
-    `fault()` when the filter is not valid or cannot be moved; by default it goes back to the newest instant that is
-    valid.
+    present time and reports it; by default the filter corrects, or takes inputs, and `corrected(event, nis,
+    innovation)` is called once for each event, with the innovation if the filter has not gone on since. `in_one_go()`
+    says whether events that are repeated may act all at once, without `act`. `afterwards()` is called when something
+    has happened, `fault()` when the filter is not valid or cannot be moved; by default it goes back to the newest
+    instant that is valid.
     """
 
     def __init__(
@@ -91,7 +91,7 @@ class Timeline:
         longest_step: float,
         merge: float = 0.0,
         remembered: float = 0.0,
-        found: Callable[[Event, float, Innovation | None], None] = lambda event, nis, innovation: None,
+        corrected: Callable[[Event, float, Innovation | None], None] = lambda event, nis, innovation: None,
         act: Callable[[Event], None] | None = None,
         in_one_go: Callable[[], bool] = lambda: True,
         afterwards: Callable[[], None] = lambda: None,
@@ -100,7 +100,7 @@ class Timeline:
         self.filter, self.channels = filter, tuple(channels)
         self.reach, self._step, self._merge = (int(time * 1e9) for time in (reach, longest_step, merge))
         self._remembered = int(remembered * 1e9)
-        self._found, self._act, self._in_one_go = found, act or self._happen, in_one_go
+        self._corrected, self._act, self._in_one_go = corrected, act or self._happen, in_one_go
         self._afterwards, self._fault = afterwards, fault or self.recover
         self._history: list[Instant] = []
         self._spare: list[Instant] = []
@@ -273,7 +273,7 @@ class Timeline:
             innovation = self.filter.correct(channel.name, event.value, event.variance, channel.limit)
         if not event.counted:
             event.counted = True
-            self._found(event, 0.0 if innovation is None else innovation.nis, innovation)
+            self._corrected(event, 0.0 if innovation is None else innovation.nis, innovation)
 
     def _occur(self, event: Event) -> None:
         """Let an event happen, not before those of the newest instant."""
@@ -349,7 +349,7 @@ class Timeline:
                 instant.latest = event.stamp
             if not event.counted:
                 event.counted = True
-                self._found(event, squared, None)
+                self._corrected(event, squared, None)
         self._retire_old(newest.stamp)
         return done
 

@@ -94,7 +94,7 @@ static double wrapped(double angle) { return angle - 2 * M_PI * floor((angle + M
 
 static double measure(const struct live *live, const struct sensor *sensor, const double *value,
                       const double *variance, double limit, double scale) {
-    struct innovation found;
+    struct innovation innovation;
     double root[STATES][STATES], expected[points][COMPONENTS], projected[COMPONENTS][STATES] = {{0}}, error[STATES];
     double across[STATES], nis = -1;
     const double *from[STATES];
@@ -124,8 +124,8 @@ static double measure(const struct live *live, const struct sensor *sensor, cons
             expected[k][a] -= mean;
             if (angle) expected[k][a] = wrapped(expected[k][a]);
         }
-        found.residual[b] = value[a] - (middle + mean);
-        if (angle) found.residual[b] = wrapped(found.residual[b]);
+        innovation.residual[b] = value[a] - (middle + mean);
+        if (angle) innovation.residual[b] = wrapped(innovation.residual[b]);
     }
     for (int i = 0; i < n; i++) from[i] = root[i];
     for (int a = 0; a < used; a++) {
@@ -134,15 +134,15 @@ static double measure(const struct live *live, const struct sensor *sensor, cons
             const int cb = component[b];
             double sum = 0;
             for (int k = 0; k < points; k++) sum += live->squares[k > 0] * expected[k][ca] * expected[k][cb];
-            found.factor[a][b] = found.factor[b][a] = scale * (sum + (a == b ? variance[ca] : 0));
+            innovation.factor[a][b] = innovation.factor[b][a] = scale * (sum + (a == b ? variance[ca] : 0));
         }
         for (int i = 0; i < n; i++)
             across[i] = live->squares[1] * live->reach * (expected[1 + i][ca] - expected[1 + n + i][ca]);
         combine(n, projected[a], n, across, from);
     }
-    found.used = used;
-    if (used) nis = apply(&found, projected, live->covariance, error, limit);
-    report(live->whitened, live->factor, m, &found, component);
+    innovation.used = used;
+    if (used) nis = apply(&innovation, projected, live->covariance, error, limit);
+    report(live->whitened, live->factor, m, &innovation, component);
     if (nis >= 0 && nis <= limit)
         for (int i = 0; i < n; i++) live->mean[i] += error[i];
     return nis;

@@ -115,19 +115,19 @@ class Ukf(GaussianFilter):
             return _nothing(len(value))
         expected, apart = self._expected(measurement, points)
         by_square = apart.T * self._weights_of_squares
-        found = whiten(
+        correction = whiten(
             _wrapped(np.asarray(value, dtype=float) - expected, measurement),
             scale * (by_square @ apart + np.diag(variance)),
             by_square @ points,
         )
-        if 0.0 <= found.nis <= limit:
-            self.covariance -= found.projected.T @ found.projected
-            self.mean[:] = self._points.retracted(found.error[None])[0]
-        elif found.nis != found.nis:
+        if 0.0 <= correction.nis <= limit:
+            self.covariance -= correction.projected.T @ correction.projected
+            self.mean[:] = self._points.retracted(correction.error[None])[0]
+        elif correction.nis != correction.nis:
             self.recover(sensor)
         factor = np.zeros((len(value), len(value)))
-        found.write(found.whitened, factor.reshape(-1))
-        return Innovation(found.whitened, factor, found.nis, 0.0 <= found.nis <= limit)
+        correction.write(correction.whitened, factor.reshape(-1))
+        return Innovation(correction.whitened, factor, correction.nis, 0.0 <= correction.nis <= limit)
 
     def advance(self, step: Step) -> bool:
         """As `Filter.advance`, in one call where the system is compiled."""
@@ -149,14 +149,14 @@ class Ukf(GaussianFilter):
 
     def _measurement(self, sensor: str, value: Array, variance: Array) -> Measurement:
         """Raises `InputError` for a sensor that is not known, or a value that is not one of its."""
-        found = self.measurements.get(sensor)
-        if found is None:
+        measurement = self.measurements.get(sensor)
+        if measurement is None:
             raise InputError(f"the filter has no sensor {sensor!r}; it has: {', '.join(self.sensors) or 'none'}")
-        m = len(found.deviations)
+        m = len(measurement.deviations)
         if len(value) != m:
             raise InputError(f"a measurement of {sensor!r} has {m} components, but got {len(value)}")
         check_variances(sensor, value, variance)
-        return found
+        return measurement
 
     def _spread(self) -> Array:
         """Errors (2 e + 1, e) of the points about the mean."""
@@ -241,7 +241,7 @@ class _Points:
         expect = {name: Kernel(self._functions[f"sensor {name}"], at) for name in ukf.sensors}
         if any(kernel.entry() is None for kernel in (move, noise, *expect.values())):
             return None
-        compiled = library("ukf", len(point), "estimation/found.c", "estimation/ukf.c")
+        compiled = library("ukf", len(point), "estimation/innovation.c", "estimation/ukf.c")
         if compiled is None:
             return None
         whitened, factor = np.full(COMPONENTS, np.nan), np.zeros(COMPONENTS**2)
@@ -318,14 +318,14 @@ class _Sensor(ctypes.Structure):
     ]
 
 
-def _live(ukf: Ukf, kernels: tuple[Kernel, Kernel], point: Array, h: Array, found: tuple[Array, Array]) -> _Live:
+def _live(ukf: Ukf, kernels: tuple[Kernel, Kernel], point: Array, h: Array, innovation: tuple[Array, Array]) -> _Live:
     move, noise = kernels
     arrays = {
         **{name: getattr(ukf, name) for name in ("memory", "mean", "covariance", "inputs")},
         "h": h,
         "point": point,
-        "whitened": found[0],
-        "factor": found[1],
+        "whitened": innovation[0],
+        "factor": innovation[1],
         "largest": ukf._largest,
         "moved": _flat(move.results[0]),
         "q": _flat(noise.results[0]),

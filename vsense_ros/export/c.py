@@ -380,15 +380,15 @@ class Contents:
         predicted = "v->sensitivity, v->parameter_covariance, v->by_estimates, drift, to->gain"
         kinematics = ", ".join(f"filter->model.{name}" for name in ("by_angles", "by_velocity", "by_road", "road_map"))
         predicted += f", {kinematics}, filter->length, to->decay"
-        found = ", ".join(f"sensor->{name}" for name in ("projected", "gained", "right", "spread"))
-        found += ", v->information, v->estimates, lower, upper"
-        made = ", ".join(f"found->{name}" for name in ("estimates", "covariance", "sensitivity", "information"))
+        used = ", ".join(f"sensor->{name}" for name in ("projected", "gained", "right", "spread"))
+        used += ", v->information, v->estimates, lower, upper"
+        made = ", ".join(f"results->{name}" for name in ("estimates", "covariance", "sensitivity", "information"))
         made += ", sensor->change, sensor->accelerations"
         arguments = self._filter_arguments()
         return {
             "parameters_effect": wrapped(f"parameters_effect({arguments}, v->by_estimates);", "    "),
             "spread": wrapped(f"parameters_predict({predicted}, to->moved, to->grown, to->added);", "    "),
-            "learn": wrapped(f"parameters_learn({arguments}, v->by_estimates, {found}, {made});", "    "),
+            "learn": wrapped(f"parameters_learn({arguments}, v->by_estimates, {used}, {made});", "    "),
         }
 
     def _filter_arguments(self) -> str:

@@ -342,13 +342,14 @@ class SensingNode(LifecycleNode, Generic[Params]):
         if not self.time_base.simulated and not self.publishes_time:
             return []
         publishers = self.get_publishers_info_by_topic("/clock")
-        found = [f"{p.node_namespace.rstrip('/')}/{p.node_name}" for p in publishers]
-        if len(found) > 1:
+        publishing = [f"{p.node_namespace.rstrip('/')}/{p.node_name}" for p in publishers]
+        if len(publishing) > 1:
             self.get_logger().error(
-                f"{len(found)} nodes publish the time ({', '.join(found)}): it will jump to and fro; stop one of them",
+                f"{len(publishing)} nodes publish the time ({', '.join(publishing)}): it will jump to and fro; stop one"
+                " of them",
                 once=True,
             )
-        return found
+        return publishing
 
     def _look_for_subscribers(self) -> None:
         if not self._connected and self._outputs and not self.unheard:

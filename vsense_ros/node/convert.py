@@ -58,9 +58,9 @@ def _read_installed(kind: str) -> bool:
         return False
     from rosbags.typesys import get_types_from_msg
 
-    found = get_types_from_msg(file.read_text(encoding="utf-8"), kind)
-    store.register(found)
-    needed = {word for _, fields in found.values() for word in _types_in(fields)}
+    types = get_types_from_msg(file.read_text(encoding="utf-8"), kind)
+    store.register(types)
+    needed = {word for _, fields in types.values() for word in _types_in(fields)}
     return all(_read_installed(inner) for inner in needed - {kind})
 
 

@@ -15,11 +15,11 @@ from vsense_ros.node.parameters import NodeParameters
 
 def nodes() -> Iterator[tuple[ModuleType, type[NodeParameters]]]:
     """The modules that a process begins with, which have a function `main`, and the parameters that they define."""
-    for found in iter_modules(node.__path__):
-        source = Path(found.module_finder.path) / f"{found.name}.py"  # type: ignore[union-attr]
+    for module_info in iter_modules(node.__path__):
+        source = Path(module_info.module_finder.path) / f"{module_info.name}.py"  # type: ignore[union-attr]
         if "\ndef main(" not in source.read_text(encoding="utf-8"):
             continue
-        module = import_module(f"{node.__name__}.{found.name}")
+        module = import_module(f"{node.__name__}.{module_info.name}")
         (model,) = (
             value
             for name, value in vars(module).items()

@@ -117,8 +117,8 @@ class Timeline:
     def newest(self, position: int) -> list[tuple[int, str, bytes]]:
         """The newest message of each topic before a place, if it is not older than three seconds."""
         begin = int(np.searchsorted(self.times, self.times[min(position, len(self) - 1)] - _BEFORE))
-        found = {topic: (at, topic, data) for at, topic, data in self.between(begin, position)}
-        return list(found.values())
+        newest = {topic: (at, topic, data) for at, topic, data in self.between(begin, position)}
+        return list(newest.values())
 
     def kind(self, topic: str) -> str:
         """Type of a topic that becomes numbers; empty for another."""

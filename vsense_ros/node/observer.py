@@ -355,9 +355,9 @@ class ObserverNode(SensingNode[_OwnParameters]):
         }
 
 
-def percentiles(found: Durations) -> dict[str, float]:
+def percentiles(durations: Durations) -> dict[str, float]:
     """Percentiles of times, in milliseconds, by name; empty without times."""
-    return {f"p{q:g}": 1e3 * found.percentile(q) for q in _PERCENTILES} if found.count else {}
+    return {f"p{q:g}": 1e3 * durations.percentile(q) for q in _PERCENTILES} if durations.count else {}
 
 
 def main() -> int:

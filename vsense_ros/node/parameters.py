@@ -135,11 +135,11 @@ def shared_names(arguments: Sequence[str]) -> set[str]:
 def _leaves(content: object, prefix: str = "") -> set[str]:
     if not isinstance(content, dict):
         return set()
-    found: set[str] = set()
+    leaves: set[str] = set()
     for key, value in content.items():
         name = f"{prefix}{key}"
-        found |= _leaves(value, f"{name}.") if isinstance(value, dict) else {name}
-    return found
+        leaves |= _leaves(value, f"{name}.") if isinstance(value, dict) else {name}
+    return leaves
 
 
 def read(node: Node, model: type[Model]) -> Model:
@@ -178,20 +178,20 @@ def _validated(model: type[Model], values: Mapping[str, Any]) -> Model:
 
 def _range_text(constraints: list[Any]) -> str:
     signs = {"gt": ">", "ge": "≥", "lt": "<", "le": "≤"}
-    found = [(sign, getattr(c, key, None)) for c in constraints for key, sign in signs.items()]
-    return ", ".join(f"{sign} {bound:.12g}" for sign, bound in found if bound is not None)
+    bounds = [(sign, getattr(c, key, None)) for c in constraints for key, sign in signs.items()]
+    return ", ".join(f"{sign} {bound:.12g}" for sign, bound in bounds if bound is not None)
 
 
 def rows(model: type[NodeParameters]) -> list[tuple[str, str, str, str, str]]:
     """Name, default, unit, range and description of each parameter."""
-    found = []
+    table = []
     for name, info in model.model_fields.items():
         schema = model.model_json_schema()["properties"][name]
         allowed = ", ".join(map(str, schema["enum"])) if "enum" in schema else _range_text(info.metadata)
         default = f"{info.default:.6g}" if isinstance(info.default, float) else str(info.default)
         default = default.lower() if isinstance(info.default, bool) else "" if info.default == () else default
-        found.append((name, default, _extra(model, name, "unit") or "", allowed, info.description or ""))
-    return found
+        table.append((name, default, _extra(model, name, "unit") or "", allowed, info.description or ""))
+    return table
 
 
 def markdown_table(model: type[NodeParameters]) -> str:

@@ -96,8 +96,8 @@ def _own_folder() -> str:
     folder = Path(tempfile.gettempdir()) / f"vsense_ros-{os.getuid()}"
     with contextlib.suppress(FileExistsError):
         folder.mkdir(mode=0o700)
-    found = folder.lstat()
-    if not stat.S_ISDIR(found.st_mode) or found.st_uid != os.getuid() or found.st_mode & 0o077:
+    status = folder.lstat()
+    if not stat.S_ISDIR(status.st_mode) or status.st_uid != os.getuid() or status.st_mode & 0o077:
         return tempfile.mkdtemp(prefix="vsense_ros-")
     return str(folder)
 

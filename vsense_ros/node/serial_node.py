@@ -91,15 +91,17 @@ class SerialSensorNode(SensingNode[Params]):
                 self.publish(sample)
 
     def diagnostics(self) -> list[Diagnostic]:
-        found = [self._link.diagnostic()] if self._link is not None else []
+        diagnostics = [self._link.diagnostic()] if self._link is not None else []
         if self._arrivals.dropped:
             text = "bytes arrived before the first /clock message and were dropped"
-            found.append(Diagnostic(f"{self.sensor}: clock", Level.WARN, text, {"bytes": str(self._arrivals.dropped)}))
+            diagnostics.append(
+                Diagnostic(f"{self.sensor}: clock", Level.WARN, text, {"bytes": str(self._arrivals.dropped)})
+            )
         now = self.time_base.now()
         if now is not None:
             with self._lock:
-                found += self._decoder.diagnostics(now)
-        return found
+                diagnostics += self._decoder.diagnostics(now)
+        return diagnostics
 
     def summary(self) -> dict[str, Any]:
         return {**super().summary(), "bytes_without_time": self._arrivals.dropped}

@@ -79,7 +79,7 @@ struct sensor {
     double *variance, *weighted;     /* m, argument of `run_seen`; n x width, its result, ... */
     double *gained, *right, *spread; /* ... with these, which go on to `run_learn`: width x width, width, k x width */
     double *projected;              /* n x width, argument of `run_learn` */
-    struct known found;             /* its results: what is known now, ... */
+    struct known results;             /* its results: what is known now, ... */
     double *change, *accelerations; /* ... and changes: n, of the state, accelerations in place of the forces; 14 */
 };
 
@@ -370,12 +370,12 @@ static void sensed_row(const struct model *model, const struct sensed *sensed, i
 }
 
 /* Keeps the whitened innovation and the factor of its covariance. */
-static void tell(const struct model *model, int components, const int *component, const struct innovation *found) {
+static void tell(const struct model *model, int components, const int *component, const struct innovation *innovation) {
     for (int i = 0; i < components; i++) model->whitened[i] = (double)NAN;
     for (int i = 0; i < components * components; i++) model->factor[i] = i % (components + 1) == 0;
-    for (int a = 0; a < found->used; a++) {
-        model->whitened[component[a]] = found->weights[a];
-        for (int b = 0; b <= a; b++) model->factor[component[a] * components + component[b]] = found->factor[a][b];
+    for (int a = 0; a < innovation->used; a++) {
+        model->whitened[component[a]] = innovation->weights[a];
+        for (int b = 0; b <= a; b++) model->factor[component[a] * components + component[b]] = innovation->factor[a][b];
     }
 }
 
@@ -404,19 +404,19 @@ static void carry_on(const struct model *model) {
 /* Returns the squared norm of the innovation in units of its standard deviation, negative if nothing was measured;
  * the correction is made, and carried into error and accelerations, only where that is at most limit. */
 static double correct(const struct model *model, const struct sensed *sensed, double scale, double limit) {
-    struct innovation found;
+    struct innovation innovation;
     int component[COMPONENTS];
-    found.used = 0;
+    innovation.used = 0;
     for (int i = 0; i < sensed->components; i++)
-        if (isfinite(sensed->value[i]) && isfinite(sensed->expected[i])) component[found.used++] = i;
-    if (found.used == 0) return -1;
-    for (int a = 0; a < found.used; a++) {
-        sensed_row(model, sensed, component[a], found.rows[a]);
-        found.residual[a] = sensed->value[component[a]] - sensed->expected[component[a]];
-        found.variance[a] = sensed->variance[component[a]];
+        if (isfinite(sensed->value[i]) && isfinite(sensed->expected[i])) component[innovation.used++] = i;
+    if (innovation.used == 0) return -1;
+    for (int a = 0; a < innovation.used; a++) {
+        sensed_row(model, sensed, component[a], innovation.rows[a]);
+        innovation.residual[a] = sensed->value[component[a]] - sensed->expected[component[a]];
+        innovation.variance[a] = sensed->variance[component[a]];
     }
-    const double nis = update(&found, model->covariance, model->error, scale, limit);
-    if (model->whitened && !isnan(nis)) tell(model, sensed->components, component, &found);
+    const double nis = update(&innovation, model->covariance, model->error, scale, limit);
+    if (model->whitened && !isnan(nis)) tell(model, sensed->components, component, &innovation);
     if (nis <= limit) carry_on(model);
     return nis;
 }
@@ -465,10 +465,10 @@ static void learn(const struct filter *filter, const struct sensor *sensor, cons
         for (int k = 0; k < n; k++) sensor->projected[k * width + a] = column[k];
     }
     run_learn(filter, sensor);
-    (void)memcpy(learning->known.estimates, sensor->found.estimates, vector);
-    (void)memcpy(learning->known.covariance, sensor->found.covariance, (size_t)count * vector);
-    (void)memcpy(learning->known.sensitivity, sensor->found.sensitivity, n * vector);
-    (void)memcpy(learning->known.information, sensor->found.information, (size_t)count * vector);
+    (void)memcpy(learning->known.estimates, sensor->results.estimates, vector);
+    (void)memcpy(learning->known.covariance, sensor->results.covariance, (size_t)count * vector);
+    (void)memcpy(learning->known.sensitivity, sensor->results.sensitivity, n * vector);
+    (void)memcpy(learning->known.information, sensor->results.information, (size_t)count * vector);
     for (int i = 0; i < count; i++) learning->physical[learning->columns[i]] = learning->known.estimates[i];
     (void)memcpy(filter->model.error + SLOW, sensor->change + SLOW, MODEL * sizeof(double));
     run_force(filter);

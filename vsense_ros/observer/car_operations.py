@@ -97,7 +97,7 @@ class _Sensor(ctypes.Structure):
     _fields_ = [
         *(("index", _COUNT), ("sensed", SensedStructure), ("width", _COUNT)),
         *((name, ADDRESS) for name in ("variance", "weighted", "gained", "right", "spread", "projected")),
-        *(("found", _Known), ("change", ADDRESS), ("accelerations", ADDRESS)),
+        *(("results", _Known), ("change", ADDRESS), ("accelerations", ADDRESS)),
     ]
 
 
@@ -196,7 +196,7 @@ class CarOperations(Operations):
             sensor.width = learned.weighted.shape[1]
             for part in ("variance", "projected", "change", "weighted"):
                 setattr(sensor, part, getattr(learned, part).ctypes.data)
-            sensor.found, sensor.accelerations = _Known.of(learned.learned, count, size), learned.udot.ctypes.data
+            sensor.results, sensor.accelerations = _Known.of(learned.learned, count, size), learned.udot.ctypes.data
         names = ("physical", "decay", "moved", "grown", "added")
         learning = _Learning(
             *(count, drifts, columns.ctypes.data, _Known.of(arrays["learned"], count, size)),

@@ -286,12 +286,12 @@ def axle_slips(vehicle: Vehicle) -> tuple[Array, Array, Array]:
     axle at them, with the file's tyres under static loads."""
     road = vehicle.physics.road
     accelerations = np.linspace(0.0, CAR_FIT.linear, 9)
-    speed, found = HANDLING.slope_speed, []
+    speed, slips = HANDLING.slope_speed, []
     angles = np.linspace(0.0, 0.3, 61)
     for axle, load in zip((vehicle.physics.front, vehicle.physics.rear), static_loads(vehicle), strict=True):
         sideways: Any = ca.DM(axle.cornering_scale * speed * np.tan(angles))  # of all angles at once
         contact = TyreInput(load, speed, sideways, speed, road.friction * axle.grip_scale)
         felt = np.array(-axle.tyre.forces(contact).lateral).ravel() * GRAVITY / load
         rising = np.concatenate([[True], np.diff(np.maximum.accumulate(felt)) > 0])
-        found.append(np.interp(accelerations, felt[rising], angles[rising]))
-    return accelerations, found[0], found[1]
+        slips.append(np.interp(accelerations, felt[rising], angles[rising]))
+    return accelerations, slips[0], slips[1]

@@ -127,7 +127,7 @@ def _thinned(snapshots: list[Snapshot]) -> list[Snapshot]:
 def _motion(adapter: KinematicAdapter, snapshots: list[Snapshot], t: Array) -> NDArray[np.int64]:
     """Places in `MOTIONS` (n,), by what the filter estimates; where it estimates no speed, it counts as moving."""
     motions = adapter.readout.motions(snapshots)
-    found = np.full(len(t), 1)
+    motion = np.full(len(t), 1)
 
     def of(name: str) -> Array | None:
         return motions.value[:, MOTION.index(name)] if name in motions.estimated else None
@@ -136,12 +136,12 @@ def _motion(adapter: KinematicAdapter, snapshots: list[Snapshot], t: Array) -> N
     if rate is None and (yaw := of("yaw")) is not None and len(t) > 1:
         rate = np.gradient(np.unwrap(yaw), t)
     if speed is not None and len(t) > 1:
-        found[np.abs(uniform_filter1d(np.gradient(speed, t), _SMOOTH)) > _PUSH] = 2
+        motion[np.abs(uniform_filter1d(np.gradient(speed, t), _SMOOTH)) > _PUSH] = 2
     if rate is not None:
-        found[np.abs(rate) > STRAIGHT] = 3
+        motion[np.abs(rate) > STRAIGHT] = 3
     if speed is not None:
-        found[np.abs(speed) < _SLOWEST] = 0
-    return found
+        motion[np.abs(speed) < _SLOWEST] = 0
+    return motion
 
 
 def _state(name: str, t: Array, deviation: Array, motion: NDArray[np.int64]) -> State:

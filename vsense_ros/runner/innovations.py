@@ -45,14 +45,14 @@ def innovations(recording: Recording, vehicle: Vehicle) -> dict[str, Innovations
         runner.add(sample)
     if not runner.started:
         raise never_started(recording, runner)
-    found = {}
+    by_sensor = {}
     for name in runner.sensors:
         if name in seen:
             in_order = sorted(seen[name], key=itemgetter(0))
             whitened, deviation = np.array([innovation for *_, innovation in in_order]).transpose(1, 0, 2)
             used, stamps = np.array([used for _, used, _ in in_order]), np.array([stamp for stamp, *_ in in_order])
-            found[name] = Innovations(whitened, deviation, used, stamps)
-    return found
+            by_sensor[name] = Innovations(whitened, deviation, used, stamps)
+    return by_sensor
 
 
 def _as_measured(recording: Recording, sensors: dict[str, SensorBase]) -> Recording:

@@ -169,17 +169,17 @@ class KinematicAdapter(Adapter):
                 yield place, Innovation(alone, all_of_it.factor, far**2, place not in refused)
 
     def innovation_of_axis(self, channel: Channel, event: Event, axis: int) -> Innovation:
-        found = self.filter.innovation_of_axis(self._of_car[axis], self._in_axes_of_car(event), event.variance)
-        return self._in_axes_of_sensor(found)
+        innovation = self.filter.innovation_of_axis(self._of_car[axis], self._in_axes_of_car(event), event.variance)
+        return self._in_axes_of_sensor(innovation)
 
-    def _in_axes_of_sensor(self, found: Innovation) -> Innovation:
+    def _in_axes_of_sensor(self, innovation: Innovation) -> Innovation:
         """An innovation whose axes are those of the car, with those of the sensor that are nearest to them."""
         if self._order is not None:
-            found = found._replace(
-                whitened=found.whitened[self._order], factor=found.factor[self._order][:, self._order]
+            innovation = innovation._replace(
+                whitened=innovation.whitened[self._order], factor=innovation.factor[self._order][:, self._order]
             )
-        self._newest = found
-        return found
+        self._newest = innovation
+        return innovation
 
     # Resets
 
@@ -231,10 +231,10 @@ class KinematicAdapter(Adapter):
         return self.readout.motions([snapshot]).samples()
 
     def columns(self, snapshots: Sequence[Snapshot]) -> list[Sample]:
-        found = self.readout.motions(snapshots).samples()
+        samples = self.readout.motions(snapshots).samples()
         if len(snapshots) > 1:
-            return found
-        return [replace(sample, values={k: v[None] for k, v in sample.values.items()}) for sample in found]
+            return samples
+        return [replace(sample, values={k: v[None] for k, v in sample.values.items()}) for sample in samples]
 
     def parameters(self, snapshot: Snapshot) -> dict[str, tuple[float, float]]:
         motions = self.readout.motions([snapshot])

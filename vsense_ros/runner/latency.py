@@ -118,15 +118,15 @@ class _Motion:
         """Mean rates of turn and of gain of speed (2, n) around times [s], NaN where they are not known."""
         ends = times - span / 2, times + span / 2
         turned = np.maximum.accumulate(self.rows[:, 0] + self.rows[:, 3])
-        found = []
+        rates = []
         for t, values in ((turned, self.rows[:, 1]), (self.rows[:, 0], self.rows[:, 2])):
             known = (ends[0] >= t[0]) & (ends[1] <= t[-1])
             for end in ends:
                 after = np.clip(np.searchsorted(t, end), 1, len(t) - 1)
                 known &= t[after] - t[after - 1] < LATENCY.longest_gap
             early, late = (np.interp(end, t, values) for end in ends)
-            found.append(np.where(known, (late - early) / span, np.nan))
-        return np.array(found)
+            rates.append(np.where(known, (late - early) / span, np.nan))
+        return np.array(rates)
 
 
 class Latencies:
@@ -149,7 +149,7 @@ class Latencies:
         ahead = float(np.asarray(getattr(antenna, "position", np.zeros(3)))[0])
         self._ahead = self._car["to_rear"] + ahead  # [m] of the antenna, of the rear axle
         self.late: dict[int, Late] = {}
-        self.found: dict[int, Late] = {}
+        self.by_sensor: dict[int, Late] = {}
         self._before: dict[int, Late] = {}  # the estimate before that
         self._due = self._begun = 0  # [ns]
 
@@ -169,7 +169,7 @@ class Latencies:
             self._begin(now)
             return False
         self._take_in(now)
-        self._before, self.found = self.found, self._adjusted(now)
+        self._before, self.by_sensor = self.by_sensor, self._adjusted(now)
         return self._decide()
 
     def _begin(self, now: int) -> None:
@@ -178,7 +178,7 @@ class Latencies:
         for i in self._motions:
             self._motions[i] = _Motion()
             self._heard[i].clear()
-        self.found, self._before = {}, {}
+        self.by_sensor, self._before = {}, {}
 
     def _take_in(self, now: int) -> None:
         """Make motions of what was heard."""
@@ -293,7 +293,7 @@ class Latencies:
         end = min(((self._motions[i].rows[-1, 0]) for i in there), default=0.0)
         begin = max(end - LATENCY.window, 0.0)
         times = np.arange(begin, end + LATENCY.longest, LATENCY.step)
-        found = {}
+        agreed = {}
         if end - begin < LATENCY.least_compared:
             return {}
         rates: dict[tuple[int, float], list[Array | None]] = {}
@@ -313,8 +313,8 @@ class Latencies:
                     more = self._unmodelled((one, other), motion, speed)
                     lags.append(Late(late.seconds, hypot(late.deviation, more)))
             if lags:
-                found[one, other] = _agreed(lags)
-        return found
+                agreed[one, other] = _agreed(lags)
+        return agreed
 
     def _usual_speed(self, times: Array) -> float:
         """Mean speed of the car at times [m/s], of what is fast enough to be compared."""
@@ -336,7 +336,7 @@ class Latencies:
     def _decide(self) -> bool:
         """Note the lags that are certain in two estimates; True if that changes anything."""
         changed = False
-        for i, late in self.found.items():
+        for i, late in self.by_sensor.items():
             before = self._before.get(i)
             if before is None or abs(before.seconds - late.seconds) > LATENCY.agreeing:
                 continue
@@ -363,12 +363,12 @@ def _agreed(lags: list[Late]) -> Late:
 
 def _that_show_lags(rates: Array) -> list[Array | None]:
     """Those of the rates of turn and of gain of speed (2, n) that change enough to show a lag."""
-    found: list[Array | None] = []
+    signals: list[Array | None] = []
     for signal, least in zip(rates, (LATENCY.least_turning, LATENCY.least_acceleration), strict=True):
         there = signal[np.isfinite(signal)]
         enough = len(there) * LATENCY.step > LATENCY.least_compared and there.std() > least
-        found.append(signal if enough else None)
-    return found
+        signals.append(signal if enough else None)
+    return signals
 
 
 def _lag(one: Array, other: Array, span: float) -> Late | None:

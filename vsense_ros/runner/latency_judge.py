@@ -47,7 +47,7 @@ class LatencyJudge(Judge):
         return f"stamps are {self._in_words(index)}" if index in self._late else ""
 
     def figures(self, index: int) -> dict[str, str]:
-        late = None if self.latencies is None else self.latencies.found.get(index)
+        late = None if self.latencies is None else self.latencies.by_sensor.get(index)
         return {} if late is None else {"stamps late by": str(late)}
 
     def _in_words(self, index: int) -> str:
@@ -69,11 +69,11 @@ class LatencyJudge(Judge):
         """Nothing is felt."""
 
     def settle(self, timeline: Timeline) -> None:
-        found = self.latencies
-        if found is None or not found.look(timeline.stamp):
+        latencies = self.latencies
+        if latencies is None or not latencies.look(timeline.stamp):
             return
         before = self._late
-        self._late = {index: round(late.seconds * 1e9) for index, late in found.late.items()}
+        self._late = {index: round(late.seconds * 1e9) for index, late in latencies.late.items()}
         changes = {i: self._late.get(i, 0) - before.get(i, 0) for i in {*before, *self._late}}
         ahead = timeline.rewind(timeline.stamp - VOTE.look_back)
         self._vote.reconsider(0, ahead)

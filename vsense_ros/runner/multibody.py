@@ -177,12 +177,12 @@ class CarAdapter(Adapter):
             self._road_map.follow(self.filter)
 
     def axes(self) -> dict[int, Judged]:
-        found = {}
+        judged = {}
         for i, sensor in enumerate(self.sensors.values()):
             if "rates and forces" in sensor.measures:
                 words = tuple(one.words for one in sensor.components)
-                found[i] = Judged(words, tuple(range(len(words))), 0, sensor.gate)
-        return found
+                judged[i] = Judged(words, tuple(range(len(words))), 0, sensor.gate)
+        return judged
 
     def bias(self, sensor: int, axis: int, jump: float) -> tuple[int, float] | None:
         element = self.car.layout.biases[sensor].start + axis

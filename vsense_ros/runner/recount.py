@@ -137,12 +137,12 @@ class Recount:
                 event = replace(event, value=event.value.copy())
                 event.value[without[1]] = np.nan
             if axes is None:
-                found = self._adapter.correct(channel, event)
+                innovation = self._adapter.correct(channel, event)
             else:
-                found = self._adapter.correct_inertial(channel, event, axes.gate)
-            score = scores.setdefault(event.sensor, np.zeros((3, len(found.whitened))))
-            if axes is None or not found.nis > axes.gate:
-                _score(score, found)
+                innovation = self._adapter.correct_inertial(channel, event, axes.gate)
+            score = scores.setdefault(event.sensor, np.zeros((3, len(innovation.whitened))))
+            if axes is None or not innovation.nis > axes.gate:
+                _score(score, innovation)
                 return
             for _, alone in self._adapter.correct_by_axis(channel, event, axes.gate):
                 _score(score, alone)
@@ -150,11 +150,11 @@ class Recount:
         return scores if timeline.again(self._since, act) else None
 
 
-def _score(score: Array, found: Innovation) -> None:
+def _score(score: Array, innovation: Innovation) -> None:
     """Add the innovation of a measurement to the scores (3, m) of its sensor, if it measured anything."""
-    if found.nis < 0:
+    if innovation.nis < 0:
         return
-    whitened, deviation = found.whitened, found.factor.diagonal()
+    whitened, deviation = innovation.whitened, innovation.factor.diagonal()
     there = whitened == whitened
     squares = np.minimum(whitened[there] ** 2, VOTE.largest_square)
     score[0, there] += squares + 2 * np.log(np.maximum(deviation[there], 1e-9))

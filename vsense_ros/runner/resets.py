@@ -87,10 +87,10 @@ class Resets:
         sensor = self._intake.sensors[event.sensor]
         if not sensor.measures & {"position", "course"} or not self._adapter.moves(sensor, np.zeros(2), np.zeros(2)):
             return False
-        found = self._difference(event.sensor)
-        if found is None:
+        apart = self._difference(event.sensor)
+        if apart is None:
             return True  # refused on: what scatters so much is nowhere
-        difference, deviation = found
+        difference, deviation = apart
         self._asked += self._adapter.moves(sensor, difference, deviation)
         far = float(np.hypot(*difference))
         what = f"position moved by {far:.1f} m" if "position" in sensor.measures else f"velocity moved by {far:.1f} m/s"

@@ -101,7 +101,7 @@ class Runner:
             longest_step=settings.longest_step,
             merge=settings.merge_window,
             remembered=VOTE.remembered,
-            found=self._count,
+            corrected=self._count,
             act=self.act,
             in_one_go=lambda: adapter.in_one_call and self._on_innovation is None,
             afterwards=adapter.after_event,
@@ -221,15 +221,15 @@ class Runner:
 
     def readings(self, samples: Iterable[Sample]) -> list[Event]:
         """The readings in the messages of a whole recording that can be true, in the order of their measurement."""
-        found = []
+        events = []
         for sample in samples:
             for index in self.listeners.get(sample.topic, ()):
                 newest = sample.stamp, self.intake.read(index, sample)
                 for stamp, event in (*self.intake.released(index), newest):
                     if event is not None:
                         self.intake.believe(index, stamp)
-                        found.append(self.adapter.timed(event))
-        return sorted(found, key=lambda event: event.stamp)
+                        events.append(self.adapter.timed(event))
+        return sorted(events, key=lambda event: event.stamp)
 
     def _look_for_frozen(self, index: int) -> None:
         """Leave out a whole inertial sensor that has repeated itself too often."""

@@ -28,8 +28,8 @@ class TravelJudge(Judge):
         self._adapter, self._intake, self._vote, self._direction = adapter, intake, vote, direction
         self._shift = shift
         self.witnesses = VelocityWitnesses(adapter.vehicle, adapter.sensors)
-        found = self.witnesses
-        self.hears = frozenset((found.wheels, found.velocity, found.position))
+        witnesses = self.witnesses
+        self.hears = frozenset((witnesses.wheels, witnesses.velocity, witnesses.position))
         self.judged = self.witnesses.possible and adapter.knows_car
         self._wait: dict[int, float] = {}  # how long each must agree next time [s]
 
@@ -69,20 +69,20 @@ class TravelJudge(Judge):
             event.without(list(range(len(event.value))))
 
     def settle(self, timeline: Timeline) -> None:
-        found = self.witnesses
-        wrong = found.wrong
+        witnesses = self.witnesses
+        wrong = witnesses.wrong
         if (
             wrong is not None
             and wrong not in self.out
             and self._adapter.heading_known
             and not self._is_refused(wrong, timeline.stamp)
         ):
-            if found.opposite:
+            if witnesses.opposite:
                 self._reverse_wheels(timeline)
             else:
                 self._leave_out(wrong, timeline)
         for index in list(self.out):
-            since = found.agreed[index]
+            since = witnesses.agreed[index]
             wait = self._wait.get(index, SETTINGS.agreed)
             if since and (timeline.stamp - since) * 1e-9 >= wait:
                 self.out.discard(index)
@@ -114,13 +114,13 @@ class TravelJudge(Judge):
     def _leave_out(self, index: int, timeline: Timeline) -> None:
         """Go back to before the sensor was wrong, or as far as possible: by then it may have drawn the filter."""
         self.out.add(index)
-        found, now = self.witnesses, timeline.stamp
+        witnesses, now = self.witnesses, timeline.stamp
         ahead = timeline.rewind(now - VOTE.look_back)
-        self._vote.reconsider(found.since - int(SETTINGS.before * 1e9), ahead)
+        self._vote.reconsider(witnesses.since - int(SETTINGS.before * 1e9), ahead)
         for event in ahead:
             if event.sensor == index:
                 event.without(list(range(len(event.value))))
-        if ahead and index != found.position:
+        if ahead and index != witnesses.position:
             apart = self._apart_by()
             widened = self._adapter.doubted_motion(apart, apart.ahead * SETTINGS.windows[0])
             ahead[:0] = [widening_event(self._shift, ahead[0].stamp, one) for one in widened]

@@ -131,31 +131,31 @@ class Vote:
             if axes.out:
                 self._ask(axes, event)
                 event.without(list(axes.out))
-        found = self._adapter.correct_inertial(axes.channel, event, axes.gate)
-        if found.nis > axes.gate:
-            return self._look_closer(axes, event, found, first)
+        innovation = self._adapter.correct_inertial(axes.channel, event, axes.gate)
+        if innovation.nis > axes.gate:
+            return self._look_closer(axes, event, innovation, first)
         if first:
             if axes.refused_from:
                 axes.refused_from.clear()
-            if axes.sums.add(event.stamp, found.whitened):
+            if axes.sums.add(event.stamp, innovation.whitened):
                 self._is_far(axes, event.stamp)
-        return found
+        return innovation
 
-    def _look_closer(self, axes: Axes, event: Event, found: Innovation, first: bool) -> Innovation:
+    def _look_closer(self, axes: Axes, event: Event, innovation: Innovation, first: bool) -> Innovation:
         """Use a message axis by axis, as one of them, or all together, are far from what was expected."""
-        seen = Innovation(found.whitened.copy(), found.factor.copy(), found.nis, accepted=False)
+        seen = Innovation(innovation.whitened.copy(), innovation.factor.copy(), innovation.nis, accepted=False)
         value, used, now = event.value.copy(), 0, event.stamp
         whitened = np.full_like(seen.whitened, np.nan)
-        for axis, found in self._adapter.correct_by_axis(axes.channel, replace(event, value=value), axes.gate):
-            if found.accepted:
+        for axis, innovation in self._adapter.correct_by_axis(axes.channel, replace(event, value=value), axes.gate):
+            if innovation.accepted:
                 used += 1
-                whitened[axis] = found.whitened[axis]
+                whitened[axis] = innovation.whitened[axis]
                 axes.refused_from.pop(axis, None)
                 continue
             event.without([axis])
             if not first:
                 continue
-            far = abs(found.nis) ** 0.5
+            far = abs(innovation.nis) ** 0.5
             self._report(axes.index, f"{axes.words[axis]}: innovation {far:.1f} standard deviations")
             begin, last, count = axes.refused_from.get(axis, (now, now, 0))
             if now - last > VOTE.streak:
@@ -263,13 +263,13 @@ class Vote:
             if not np.isfinite(value) or out.same >= VOTE.same:
                 out.agreed_from = 0
                 continue
-            found = self._adapter.innovation_of_axis(axes.channel, event, axis)
-            if not out.agreed_from or not found.nis <= axes.gate:
+            innovation = self._adapter.innovation_of_axis(axes.channel, event, axis)
+            if not out.agreed_from or not innovation.nis <= axes.gate:
                 out.agreed_from, out.count, out.squares, out.total = now, 0, 0.0, 0.0
                 continue
             out.count += 1
-            out.squares += found.nis
-            out.total += float(found.whitened[axis] * found.factor[axis, axis])
+            out.squares += innovation.nis
+            out.total += float(innovation.whitened[axis] * innovation.factor[axis, axis])
             wait = axes.wait.get(axis, VOTE.agreed)
             if now - out.agreed_from < wait:
                 continue

@@ -143,19 +143,19 @@ def routes(project: Project) -> APIRouter:
 
     @router.post("/pairs")
     def pairs(request: PairsRequest) -> Response:
-        def found() -> dict[str, Any]:
+        def content() -> dict[str, Any]:
             time, x, y = curve_set(project, request.set).pairs(request.x, request.y, request.most)
             return {"t": time, "x": x, "y": y}
 
-        return _answer(found)
+        return _answer(content)
 
     @router.post("/at")
     def at(request: AtRequest) -> Response:
-        def found() -> dict[str, float]:
+        def content() -> dict[str, float]:
             curves = curve_set(project, request.set)
             return {name: curves.at(name, request.time) for name in curves.signals if ":" not in name}
 
-        return _answer(found)
+        return _answer(content)
 
     @router.put("/uploads/{name}")
     async def upload(name: str, request: Request) -> dict[str, str]:
@@ -175,9 +175,9 @@ def routes(project: Project) -> APIRouter:
     return router
 
 
-def _answer(found: Any) -> Response:
+def _answer(read: Any) -> Response:
     try:
-        content = found()
+        content = read()
     except InputError as error:
         raise HTTPException(404, str(error)) from None
     return Response(orjson.dumps(content, option=orjson.OPT_SERIALIZE_NUMPY), media_type="application/json")

@@ -86,8 +86,8 @@ class Project:
 
     def inside(self, path: str | Path) -> Path:
         """The path, if it lies in a folder that was opened. Raises `InputError` for any other, and for none."""
-        found = Path(path).expanduser()
-        resolved = (found if found.is_absolute() else Path.cwd() / found).resolve()
+        given = Path(path).expanduser()
+        resolved = (given if given.is_absolute() else Path.cwd() / given).resolve()
         if not any(resolved.is_relative_to(one.resolve()) for one in (*self.folders, *self.examples)):
             known = ", ".join(map(str, self.folders))
             raise InputError(
@@ -102,21 +102,21 @@ class Project:
         own = sorted((self.folder / "cars").glob("*.yaml"))
         opened = [path for one in self.folders[1:] for path in sorted(one.glob("*.yaml")) if _is_car(path)]
         shipped = sorted(self.examples[0].glob("*.yaml"))
-        found = {str(path): path.stem for path in (*own, *opened)}
-        return found | {str(path): f"{path.stem} (example)" for path in shipped}
+        names = {str(path): path.stem for path in (*own, *opened)}
+        return names | {str(path): f"{path.stem} (example)" for path in shipped}
 
     def recordings(self) -> dict[str, str]:
         """Recordings in the folders that were opened: paths and the names to show."""
         places = [self.folder / "recordings", self.folder / "uploads", *self.folders[1:]]
-        found: dict[str, str] = {}
+        names: dict[str, str] = {}
         for place in places:
             try:
                 entries = sorted(place.iterdir())
             except OSError:  # a folder without rights offers nothing
                 continue
-            found |= {str(path): path.name for path in entries if _is_recording(path)}
+            names |= {str(path): path.name for path in entries if _is_recording(path)}
         shipped = (path for path in sorted(self.examples[1].iterdir()) if path.is_dir())
-        return found | {str(path): f"{path.name} (example)" for path in shipped}
+        return names | {str(path): f"{path.name} (example)" for path in shipped}
 
     def upload_path(self, name: str) -> Path:
         """Where an uploaded file is kept in the project, by a name that cannot lead elsewhere."""
@@ -171,16 +171,16 @@ def content_hash(path: Path, project: Path) -> str:
     kept = project / "hashes" / fingerprint(path)
     if kept.exists():
         return kept.read_text(encoding="ascii")
-    found = sha256()
+    digest = sha256()
     try:
         for name, size, _ in _files(path):
-            found.update(f"{name.removeprefix(str(path))}:{size}\n".encode())
+            digest.update(f"{name.removeprefix(str(path))}:{size}\n".encode())
             with Path(name).open("rb") as file:
                 while block := file.read(_BLOCK):
-                    found.update(block)
+                    digest.update(block)
     except OSError as error:
         raise InputError(f"{path}: cannot be read ({error.strerror})") from None
     kept.parent.mkdir(exist_ok=True)
     with atomic_write(kept) as target:
-        target.write(found.hexdigest())
-    return found.hexdigest()
+        target.write(digest.hexdigest())
+    return digest.hexdigest()

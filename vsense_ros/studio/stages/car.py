@@ -78,11 +78,11 @@ def allowed_values() -> dict[str, tuple[str, str]]:
     """Meaning and allowed values of the keys of a vehicle file."""
     from vsense_ros.files.schema import parameter_rows
 
-    found = {}
+    rows = {}
     for row in parameter_rows():
         for axle in ("front", "rear"):
-            found[row.key.replace("{front, rear}", axle)] = (row.description, row.allowed)
-    return found
+            rows[row.key.replace("{front, rear}", axle)] = (row.description, row.allowed)
+    return rows
 
 
 def build(bench: Workbench) -> None:
@@ -125,12 +125,12 @@ def _new_vehicle(bench: Workbench) -> None:
             driven.props("dense outlined")
 
         def values() -> dict[str, Any]:
-            found: dict[str, Any] = {"name": "My car", "driven": driven.value}
+            content: dict[str, Any] = {"name": "My car", "driven": driven.value}
             for name, label, _, _ in _CATALOGUE:
                 text = (inputs[name].value or "").strip()
                 if text:
-                    found[name] = text if name in _TEXTS else _number(label, text)
-            return found
+                    content[name] = text if name in _TEXTS else _number(label, text)
+            return content
 
         def write() -> None:
             given = values()
@@ -163,13 +163,13 @@ def _show(bench: Workbench) -> None:
     from vsense_ros.studio.drawing import drawing
 
     path = bench.project.inside(bench.vehicle)
-    found = vs.check(path)
-    car = found.vehicle
+    checked = vs.check(path)
+    car = checked.vehicle
     if car is None:
         with ui.element("div").classes("vs-failure").props("role=alert"):
-            for line in found.refused.splitlines():
+            for line in checked.refused.splitlines():
                 ui.label(line)
-            for finding in found.findings:
+            for finding in checked.findings:
                 ui.label(in_words(finding))
         return
     changes: dict[str, float] = {}
@@ -196,9 +196,9 @@ def _show(bench: Workbench) -> None:
                     "dense"
                 ):
                     _figures(every, "All figures of the car")
-            if found.findings:
+            if checked.findings:
                 with kit.panel("What looks wrong"):
-                    kit.sentences([in_words(finding) for finding in found.findings], "warn")
+                    kit.sentences([in_words(finding) for finding in checked.findings], "warn")
     if "new_vehicle" in bench.page:
         kit.show_action(bench.page["new_vehicle"])
     kit.show_action(actions.check_vehicle(bench.vehicle))

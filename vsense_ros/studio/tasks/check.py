@@ -34,12 +34,12 @@ def check(options: dict[str, Any], folder: Path, progress: Callable[[float], Non
         corrections = mends(recording, topics, radius)
         if corrections:
             write_curves(mended(recording, corrections), folder / f"mended{i}")
-        found = findings(recording, topics, radius)
+        reported = findings(recording, topics, radius)
         drives.append(
             {
                 "path": one["path"],
                 "name": recording.name,
-                "findings": [_as_dict(finding) for finding in found],
+                "findings": [_as_dict(finding) for finding in reported],
                 "mends": [{"topic": mend.topic, "words": mend_in_words(mend)} for mend in corrections],
                 "mended_curves": f"mended{i}" if corrections else "",
                 "absent": [one.topic for one in car.sensors.values() if one.topic not in recording],
@@ -66,9 +66,9 @@ def _as_dict(finding: Finding) -> dict[str, Any]:
 
 def calibrate(options: dict[str, Any], folder: Path, progress: Callable[[float], None]) -> dict[str, Any]:
     """Calibrate the sensors: latencies, mountings, radii, steering; writes the vehicle file to `target`."""
-    found = vs.calibrate(recordings_of(options["recordings"]), options["vehicle"])
-    write_calibration(found, options["target"], options["vehicle"])
-    return {**as_dict(found), "target": options["target"]}
+    calibration = vs.calibrate(recordings_of(options["recordings"]), options["vehicle"])
+    write_calibration(calibration, options["target"], options["vehicle"])
+    return {**as_dict(calibration), "target": options["target"]}
 
 
 def observe(options: dict[str, Any], folder: Path, progress: Callable[[float], None]) -> dict[str, Any]:
@@ -77,13 +77,13 @@ def observe(options: dict[str, Any], folder: Path, progress: Callable[[float], N
     (one,) = options["recordings"][:1] or [None]
     if one is None:
         raise InputError("open a recording first; without one there is nothing to observe")
-    found = observability.report(recording_of(one), car, options["filter"], ask=True, progress=progress)
+    report = observability.report(recording_of(one), car, options["filter"], ask=True, progress=progress)
     return {
-        "filter": found.filter,
-        "drive": found.drive,
+        "filter": report.filter,
+        "drive": report.drive,
         "states": [
             {"name": state.name, "left": state.left, "at": state.determined_at, "motion": state.motion,
-             "would": dict(found.would.get(state.name, {}))}
-            for state in found.determined.states
+             "would": dict(report.would.get(state.name, {}))}
+            for state in report.determined.states
         ],
     }  # fmt: skip

@@ -61,14 +61,14 @@ def _streams(recording: Recording) -> dict[str, Any]:
     from vsense_ros.checks.inspect import inspect
     from vsense_ros.model.sensors import known_topics
 
-    found = inspect(recording, known_topics())
+    inspection = inspect(recording, known_topics())
     return {
         "name": recording.name,
         "duration": recording.duration,
         "notes": list(recording.notes),
-        "missing": list(found.missing),
-        "topics": [_stream(info, recording) for info in found.topics],
-        "problems": len(found.problems),
+        "missing": list(inspection.missing),
+        "topics": [_stream(info, recording) for info in inspection.topics],
+        "problems": len(inspection.problems),
         "curves": CURVES,
     }
 

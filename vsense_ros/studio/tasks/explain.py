@@ -17,20 +17,20 @@ def explain(options: dict[str, Any], folder: Path, progress: Callable[[float], N
     ambiguous answer, the tests that would decide are designed as well."""
     drives, proof = recordings_of(options["recordings"]), recordings_of(options["held_out"])
     car = vs.load_vehicle(options["vehicle"])
-    found = vs.explain(
+    explanation = vs.explain(
         drives, car, hold_out=proof, by_lap=bool(options.get("by_lap")), mend=bool(options.get("mend")),
         observe=bool(options.get("observe", True)), progress=progress,
     )  # fmt: skip
-    found.write(folder)
+    explanation.write(folder)
     refusal = ""
-    if found.answer.verdict == "ambiguous":
+    if explanation.answer.verdict == "ambiguous":
         try:
             design.designed(folder, car, lambda share: None)
         except InputError as error:
             refusal = f"No test could be designed that decides between the explanations: {error}"
     extended = folder / "vehicle.extended.yaml"
     return {
-        "answer": found.answer.as_json(),
+        "answer": explanation.answer.as_json(),
         "vehicle": str(extended) if extended.exists() else "",
         "report": "report.html",
         "no_test": refusal,

@@ -16,33 +16,37 @@ from vsense_ros.studio.tasks.data import recordings_of
 def identify(options: dict[str, Any], folder: Path, progress: Callable[[float], None]) -> dict[str, Any]:
     """Identify a car; writes vehicle.yaml, report.html and identification.json as the command does."""
     drives, proof = recordings_of(options["recordings"]), recordings_of(options["held_out"])
-    found = vs.identify(drives, options["vehicle"], model=options["model"], hold_out=proof, progress=progress)
-    write_identification(found, folder)
+    identification = vs.identify(drives, options["vehicle"], model=options["model"], hold_out=proof, progress=progress)
+    write_identification(identification, folder)
     files = {"vehicle": str(folder / "vehicle.yaml"), "report": "report.html"}
-    if isinstance(found, CarIdentification):
+    if isinstance(identification, CarIdentification):
         rows = [
             {"name": name, "before": before, "after": after, "deviation": deviation, "unit": "",
              "determined": determined}
-            for name, (before, after, deviation, determined) in found.parameters.items()
+            for name, (before, after, deviation, determined) in identification.parameters.items()
         ]  # fmt: skip
         return {**files, "rows": rows, "passes": [], "fits": {}, "sentences": [], "side_slip": {}}
-    names = found.information.names
-    refused = {refusal.name for refusal in found.refused}
+    estimated = identification.information
+    names = estimated.names
+    refused = {refusal.name for refusal in identification.refused}
     rows = [
         {
-            "name": name, "before": found.start[name], "after": float(value), "deviation": float(deviation),
-            "unit": unit_of(name), "determined": name not in refused and name in found.free,
-            "of_sensor": name not in found.free,
+            "name": name, "before": identification.start[name], "after": float(value), "deviation": float(deviation),
+            "unit": unit_of(name), "determined": name not in refused and name in identification.free,
+            "of_sensor": name not in identification.free,
         }
-        for name, value, deviation in zip(names, found.information.values, found.information.deviations, strict=True)
+        for name, value, deviation in zip(names, estimated.values, estimated.deviations, strict=True)
     ]  # fmt: skip
-    passes = [[found.start[name] for name in names], *(one.values.tolist() for one in found.rinsed.passes)]
+    passes = [
+        [identification.start[name] for name in names],
+        *(one.values.tolist() for one in identification.rinsed.passes),
+    ]
     return {
         **files,
         "rows": rows,
         "passes": passes,
-        "fits": found.fits,
-        "held_out": list(found.held_out),
-        "side_slip": found.side_slip,
-        "sentences": found.sentences(),
+        "fits": identification.fits,
+        "held_out": list(identification.held_out),
+        "side_slip": identification.side_slip,
+        "sentences": identification.sentences(),
     }
