@@ -349,26 +349,29 @@ def consistency(filters: tuple[str, ...], quick: bool, processes: int | None, ou
 
 @main.command()
 @click.option("--bags", type=click.Path(path_type=Path), default=Path("bags"), show_default=True, help="Folder.")
+@click.option("--only", multiple=True, metavar="TEXT", help="Drives with TEXT in their titles, faults, filters.")
 @click.option("--quick", is_flag=True, help="Three drives alone.")
 @click.option("--processes", type=click.IntRange(1), metavar="N", help="Default: as many as there are cores.")
 @click.option("--out", type=NEW_FILE, default=Path("out/truth.json"), show_default=True, help="File.")
-def truth(bags: Path, quick: bool, processes: int | None, out: Path) -> None:
+def truth(bags: Path, only: tuple[str, ...], quick: bool, processes: int | None, out: Path) -> None:
     """Hold what is published against what it says of itself, on all drives that have a reference.
 
     Coverage of standard deviations by drive and output, tyre forces, faults, GNSS/INS filters, and lags of sensors.
-    Takes some ten minutes.
+    Takes a quarter of an hour of two cores. A part of it leaves in the file what that has of others.
 
     \b
     Examples:
       python -m studies truth
       python -m studies truth --quick
+      python -m studies truth --only banked_oval --only med_lap
     """
     from studies import truth as job
     from vsense_ros.evaluate.terminal import console, progress, say
 
+    only += job.QUICK if quick else ()
     with progress("driving and estimating") as done:
-        results = job.examine(out.parent / "leung", bags, done, quick=quick, processes=processes)
-    job.write(results, out)
+        results = job.examine(out.parent / "leung", bags, done, only=only, processes=processes)
+    job.write(results, out, keep=bool(only))
     job.show(results, console())
     say(f"Written to {out}.")
 

@@ -8,7 +8,7 @@ deviations of GNSS/INS filters; and by how much sensors are late against the ref
 from __future__ import annotations
 
 import json
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -85,30 +85,45 @@ class Results:
 
 
 def examine(
-    store: Path, bags: Path, progress: Progress = lambda share: None, *, quick: bool = False,
+    store: Path,
+    bags: Path,
+    progress: Progress = lambda share: None,
+    *,
+    only: Sequence[str] = (),
     processes: int | None = None,
-) -> Results:  # fmt: skip
+) -> Results:
     """Examine all drives, some faults and the GNSS/INS filters.
 
     Plants of GNSS/INS filters are kept in the folder `store`, `bags` holds the generated recordings of the repository.
-    Recordings that are not here are left out. `quick` takes three drives, and no faults or filters.
+    Recordings that are not here are left out. `only` takes parts: texts of which a drive's title has one,
+    "faults", "filters". Raises `InputError` where a text fits nothing.
     """
-    tasks = {title: Task(25.0, _if_here, (one,)) for one in RECORDED if (title := one.title)}
-    tasks |= {one.name: Task(8.0, on_bag, (bags / one.name,)) for one in IN_BAGS}
-    tasks |= {name: Task(40.0, on_hills, (name,)) for name in road.PLANTS}
-    if quick:
-        tasks = {title: tasks[title] for title in QUICK}
-    rows = [] if quick else fault_rows.some_rows(FAULT_ROWS)
+    tasks = {one.title: Task(12.0, _if_here, (one,)) for one in RECORDED}
+    tasks |= {one.name: Task(2.0, on_bag, (bags / one.name,)) for one in IN_BAGS}
+    tasks |= {name: Task(70.0, on_hills, (name,)) for name in road.PLANTS}
+    _refuse_unknown(only, tasks)
+    tasks = {title: task for title, task in tasks.items() if not only or any(text in title for text in only)}
+    rows = fault_rows.some_rows(FAULT_ROWS) if not only or "faults" in only else []
+    filters = not only or "filters" in only
     every = [*tasks.values(), *(Task(20.0, fault_rows.examine, (row,)) for row in rows)]
+    share_of_drives = 0.6 if filters else 1.0
     with pool(processes) as do_tasks:
-        found = do_tasks(every, lambda share: progress(share if quick else 0.6 * share))
+        found = do_tasks(every, lambda share: progress(share_of_drives * share)) if every else []
     drives = {title: one for title, one in zip(tasks, found, strict=False) if one is not None}
     navigation: Mapping[str, Mapping[str, Mapping[str, float]]] = {}
-    if not quick:
+    if filters:
+        rest = 1.0 - share_of_drives
         navigation = navigation_consistency.consistency(
-            store, progress=lambda share: progress(0.6 + 0.4 * share), quick=True, processes=processes
+            store, progress=lambda share: progress(1.0 - rest * (1.0 - share)), quick=True, processes=processes
         )
     return Results(drives, found[len(tasks) :], navigation)
+
+
+def _refuse_unknown(only: Sequence[str], titles: Iterable[str]) -> None:
+    parts = [*titles, "faults", "filters"]
+    for text in only:
+        if not any(text in part for part in parts):
+            raise InputError(f"no part has {text!r} in its title; parts are: {', '.join(parts)}")
 
 
 def _if_here(drive: Drive) -> Outcome | None:
@@ -197,11 +212,15 @@ def _lags(recording: Recording) -> Iterator[tuple[str, float]]:
             yield topic, 1e3 * seconds
 
 
-def write(results: Results, path: Path) -> None:
-    """Write the results as JSON."""
+def write(results: Results, path: Path, *, keep: bool = False) -> None:
+    """Write the results as JSON; with `keep` what the file has of other parts stays."""
     path.parent.mkdir(parents=True, exist_ok=True)
+    figures = results.figures()
+    if keep and path.exists():
+        before = json.loads(path.read_text(encoding="utf-8"))
+        figures = {part: {**before.get(part, {}), **one} for part, one in figures.items()}
     with atomic_write(path) as file:
-        json.dump(results.figures(), file, indent=2)
+        json.dump(figures, file, indent=2)
         file.write("\n")
 
 

@@ -8,6 +8,7 @@ import pytest
 
 from studies import truth as job
 from studies.coverage import Compared, coverage_table, within
+from vsense_ros.errors import InputError
 from vsense_ros.evaluate.terminal import PlainConsole
 from vsense_ros.messages.recording import Channel, Recording
 
@@ -63,6 +64,19 @@ def test_the_table_has_error_coverage_nees_and_what_costs_nothing() -> None:
     text = capture.get()
     assert all(heading in text for heading in ("RMSE", "in 2σ", "NEES", "trivial"))
     assert "(zero)" in text
+
+
+def test_what_is_written_of_a_part_leaves_the_others_in_the_file(tmp_path: Path) -> None:
+    path = tmp_path / "truth.json"
+    for name, keep in (("first", False), ("second", True)):
+        outcome = job.Outcome({name: Compared.of(*drive(1.0))}, {})
+        job.write(job.Results({name: outcome}, [], {}), path, keep=keep)
+    assert json.loads(path.read_text(encoding="utf-8"))["coverage"].keys() == {"first", "second"}
+
+
+def test_a_part_that_does_not_exist_is_refused_with_those_that_do(tmp_path: Path) -> None:
+    with pytest.raises(InputError, match=r"'hill climb'.*banked_oval.*faults"):
+        job.examine(tmp_path, tmp_path, only=["hills", "hill climb"])
 
 
 @pytest.mark.exam

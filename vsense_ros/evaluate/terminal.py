@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import time
 from collections.abc import Callable, Collection, Iterable, Iterator
 from contextlib import contextmanager
 from datetime import UTC, datetime
@@ -56,7 +57,12 @@ def plain_table(*headings: str, right: Collection[str] = ()) -> Table:
 
 @contextmanager
 def progress(label: str) -> Iterator[Callable[[float], None]]:
-    """A progress bar on stderr; yields the function that takes the share done, 0 to 1."""
+    """A progress bar on stderr; yields the function that takes the share done, 0 to 1. Where that is no terminal, a
+    line now and then."""
+    output = console(stderr=True)
+    if not output.is_terminal:
+        yield _lines(label, output)
+        return
     bar = Progress(
         TextColumn("{task.description}", markup=False),
         BarColumn(bar_width=40),
@@ -64,7 +70,7 @@ def progress(label: str) -> Iterator[Callable[[float], None]]:
         TimeElapsedColumn(),
         TextColumn("left"),
         TimeRemainingColumn(),
-        console=console(stderr=True),
+        console=output,
     )
     with bar:
         task = bar.add_task(label, total=1.0)
@@ -74,6 +80,20 @@ def progress(label: str) -> Iterator[Callable[[float], None]]:
 
         yield done
         bar.update(task, completed=1.0)
+
+
+def _lines(label: str, output: Console, period: float = 10.0) -> Callable[[float], None]:
+    """Prints the share done and the time since now, a line at most every `period` [s]."""
+    begin = told = time.monotonic()
+
+    def done(share: float) -> None:
+        nonlocal told
+        now = time.monotonic()
+        if now - told > period:
+            told = now
+            output.print(f"{label}: {100 * share:.0f} % in {now - begin:.0f} s")
+
+    return done
 
 
 def in_files(done: Callable[[float], None]) -> Callable[[str, int, int], None]:
