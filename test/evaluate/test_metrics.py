@@ -166,6 +166,26 @@ def test_a_constant_truth_has_no_nrmsd():
     assert score(series(seconds, np.ones(50)), series(seconds, np.zeros(50))).nrmsd_percent is None
 
 
+def test_a_range_that_errors_make_by_themselves_gives_no_nrmsd_and_no_lag():
+    seconds = np.arange(0.0, 20.0, 0.02)
+    truth = series(seconds, 0.4 * wave(3, seconds))  # a range of 3
+    for deviation, known in ((0.1, True), (1.0, False)):
+        estimate = replace(series(seconds, truth.value[:, 0]), deviation=np.full(len(seconds), deviation))
+        found = score(estimate, truth)
+        assert (found.nrmsd_percent is not None, found.lag_s is not None) == (known, known)
+    noisy = series(seconds, np.random.default_rng(1).normal(size=len(seconds)))
+    assert score(series(seconds, np.zeros(len(seconds))), noisy).lag_s is None
+
+
+def test_a_lag_is_absent_where_slow_errors_outweigh_a_single_step():
+    seconds = np.arange(0.0, 20.0, 0.01)
+    step = np.tanh((seconds - 10.0) / 0.3)
+    drift = np.cumsum(np.random.default_rng(2).normal(size=len(seconds)))
+    drift *= 0.5 / np.std(drift)
+    assert lag(series(seconds, step), series(seconds, step)) == pytest.approx(0.0, abs=1e-6)
+    assert lag(series(seconds, step + drift), series(seconds, step)) is None
+
+
 def test_estimate_and_truth_without_common_time_have_no_score():
     assert score(series([0.0, 0.1], [1.0, 1.0]), series([5.0, 5.1], [1.0, 1.0])) is None
 

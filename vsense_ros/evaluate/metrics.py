@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vsense_ros.checks.lags import lag_curve, refined
+from vsense_ros.checks.noise import white_noise
 from vsense_ros.evaluate.signals import Array, Series, longest_period, read_signals, wrap
 from vsense_ros.messages.recording import Recording
 
@@ -27,6 +28,10 @@ class MetricSettings:
     least_difference: float = 1e-6  # [-] of both variances, which the lag has to make to be known
     boundless: float = 1e12  # standard deviation in any unit that stands for an infinite one
     weakest_correlation: float = 0.5  # [-] of estimate and truth, for a lag to mean something
+    least_certain_lag: float = 0.02  # [s] standard deviation of a lag, beyond which it is not known
+    # Standard deviations of estimate and truth together that the range of the truth has to have, to be more than the
+    # range of errors alone, ± 3 of them.
+    least_range: float = 6.0
 
 
 METRICS = MetricSettings()
@@ -38,10 +43,12 @@ class SignalScore:
 
     - `rmse`: root mean square of the error [unit]; of the horizontal distance for the position.
     - `nrmsd_percent`: RMSE over the range (max - min) of the truth in percent (Leung 2010, eq. 1.2); over the
-      diagonal of the bounding box for the position; None where the truth does not change.
+      diagonal of the bounding box for the position; None where that range is not larger than what noise of the truth
+      and the standard deviation of the estimate make by themselves.
     - `bias`: mean of estimate - truth [unit]; length of the mean error vector for the position.
     - `lag_s`: delay that brings the estimate closest to the truth [s], positive where the estimate is late; None
-      where the signals do not determine it (constant, a ramp, unlike each other).
+      where the signals do not determine it to `METRICS.least_certain_lag` (a ramp, unlike each other), or that range
+      does not.
     - `n`: number of reference values compared.
     - `within_2s`: share of the errors within two standard deviations, 0.954 if the filter is right; each component of
       the position counts. `nees`: mean square of error over standard deviation (Bar-Shalom, Li & Kirubarajan 2001,
@@ -116,19 +123,28 @@ def score(estimate: Series, truth: Series) -> SignalScore | None:
     stated = aligned.deviation > 0
     ratio = error[stated] / aligned.deviation[stated, None]
     rmse = float(np.sqrt(np.mean(np.sum(error**2, axis=1))))
-    extent = float(np.linalg.norm(np.ptp(aligned.truth, axis=0)))
     mean = error.mean(axis=0)
+    extent = _known_range(aligned)
     return SignalScore(
         rmse=rmse,
-        nrmsd_percent=100.0 * rmse / extent if extent > 1e-9 else None,
+        nrmsd_percent=None if extent is None else 100.0 * rmse / extent,
         bias=float(mean[0]) if len(mean) == 1 else float(np.linalg.norm(mean)),
-        lag_s=lag(estimate, truth),
+        lag_s=None if extent is None else lag(estimate, truth),
         unit=estimate.signal.unit,
         n=len(error),
         within_2s=float(np.mean(np.abs(ratio) < 2.0)) if len(ratio) else None,
         nees=float(np.mean(ratio**2)) if len(ratio) else None,
         known_share=float(claimed.mean()),
     )
+
+
+def _known_range(aligned: Aligned) -> float | None:
+    """Range of the truth, where that is more than errors of truth and estimate have by themselves."""
+    extent = float(np.linalg.norm(np.ptp(aligned.truth, axis=0)))
+    stated = aligned.deviation[np.isfinite(aligned.deviation)]
+    own = float(np.median(stated)) if len(stated) else 0.0
+    noise = max(white_noise(column) for column in aligned.truth.T)
+    return extent if extent > max(METRICS.least_range * float(np.hypot(own, noise)), 1e-9) else None
 
 
 def align(estimate: Series, truth: Series) -> Aligned:
@@ -149,12 +165,12 @@ def align(estimate: Series, truth: Series) -> Aligned:
 
 
 def lag(estimate: Series, truth: Series) -> float | None:
-    """Delay τ of the estimate behind the truth [s], by least squares.
+    """Delay τ of the estimate behind the truth [s], by least squares; None where it is not known.
 
     τ minimises the variance of estimate(t) - truth(t - τ) over the times at which both are known, for |τ| up to
     `METRICS.longest_lag` and a quarter of the common time. The variance rather than the mean square, so that a bias
     does not pass for a delay. It is evaluated at all whole steps of a common grid and refined below the step by the
-    parabola through its minimum.
+    parabola through its minimum. How well it is known, `_lag_deviation` says.
     """
     if len(estimate) < 4 or len(truth) < 4:
         return None
@@ -184,7 +200,31 @@ def lag(estimate: Series, truth: Series) -> float | None:
     covariance = float(np.sum([curve.covariance[best] for curve in curves]))
     if not covariance >= METRICS.weakest_correlation * float(np.sqrt(power_y[best] * power_x[best])):
         return None
+    shift = best - reach
+    if _lag_deviation(y[max(shift, 0) :], x[max(-shift, 0) :], step) > METRICS.least_certain_lag:
+        return None
     return float((refined(variance, best) - reach) * step)
+
+
+def _lag_deviation(y: Array, x: Array, step: float) -> float:
+    """Standard deviation [s] of the lag between signals (m, k), (n, k) that are shifted by it, on a grid of `step` [s].
+
+    Least squares move the lag by Σ e ẋ / Σ ẋ², where means do not count, and e is what is left of y by the best
+    multiple of x: a wrong gain is no lag. With e as noise that has the spectrum of its own and knows nothing of x, the
+    variance of Σ e ẋ is that of both spectra: what errs slowly says little of a short event, and what errs as the
+    signal moves says least.
+    """
+    n = min(len(y), len(x))
+    slope = np.gradient(x[:n], step, axis=0)
+    known = np.isfinite(y[:n]) & np.isfinite(slope)
+    y, x, slope = (np.where(known, z - np.mean(z, axis=0, where=known), 0.0) for z in (y[:n], x[:n], slope))
+    square, power = float(np.sum(x**2)), float(np.sum(slope**2))
+    gain = float(np.sum(y * x)) / square if square > 0 else 0.0
+    if not gain or not power:
+        return np.inf
+    size = 1 << (2 * n).bit_length()
+    spectra = np.abs(np.fft.rfft(y - gain * x, size, axis=0) * np.fft.rfft(slope, size, axis=0)) ** 2
+    return float(np.sqrt(2 * np.sum(spectra) / (size * n))) / (abs(gain) * power)
 
 
 def _resample(series: Series, origin: int, times: Array, longest_gap: float) -> tuple[Array, NDArray[np.bool_]]:

@@ -323,7 +323,7 @@ def _friction(axes: Axes, estimates: Mapping[str, Series], start: int) -> None:
 def in_words(signal: Signal, result: SignalScore) -> str:
     """A score as one line."""
     unit = signal.shown_unit if signal.shown_unit.startswith("°") else " " + signal.shown_unit
-    nrmsd = "" if result.nrmsd_percent is None else f" = {result.nrmsd_percent:.2g} %"
+    nrmsd = "" if result.nrmsd_percent is None or not signal.ranged else f" = {result.nrmsd_percent:.2g} %"
     lag = "" if result.lag_s is None else f"   lag {result.lag_s * 1e3:+.0f} ms"
     rmse, bias = result.rmse * signal.shown_per_unit, result.bias * signal.shown_per_unit
     return f"RMSE {rmse:.3g}{unit}{nrmsd}   bias {bias:+.2g}{unit}{lag}"

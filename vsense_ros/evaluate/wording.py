@@ -15,8 +15,9 @@ LEGEND = (
     "In 2σ: share of the errors within two of the standard deviations that the filter states, 95 % if these are right. "
     "NEES: mean square of error over standard deviation, 1 if they are right. Trivial: RMSE of what costs nothing: "
     "zero, the mean of the reference, the last reading of a sensor. NRMSD: RMSE over the range of the reference "
-    "(Leung 2010), where that says something. Bias: estimate minus reference. Lag: positive where the estimate is "
-    "late; – where the signal does not determine it."
+    "(Leung 2010), where that range is more than six standard deviations of the estimate and of the noise of the "
+    "reference. Bias: estimate minus reference. Lag: positive where the estimate is late; – where the signal does not "
+    "determine it to 20 ms."
 )
 
 
