@@ -70,6 +70,72 @@ class Checkpoint(NamedTuple):
     events: int
 
 
+class Checkpoints:
+    """The past beyond the reach of late messages: what happened in as much as `remembered` [ns], and filters that can
+    be gone back to, tenths of a second apart. Instants that are not needed any more are appended to `spare`."""
+
+    def __init__(self, remembered: int, spare: list[Instant]) -> None:
+        self._remembered, self._spare = remembered, spare
+        self._kept: deque[Checkpoint] = deque()
+        self._events: deque[Event] = deque()  # that followed the first checkpoint
+        self._counted = 0  # all events that have been retired
+
+    def __bool__(self) -> bool:
+        return bool(self._kept)
+
+    def __getitem__(self, place: int) -> Instant:
+        """The instant at a place; -1 is the newest."""
+        return self._kept[place].instant
+
+    def clear(self) -> None:
+        """Forget everything."""
+        self._spare += [checkpoint.instant for checkpoint in self._kept]
+        self._kept.clear()
+        self._events.clear()
+        self._counted = 0
+
+    def retire(self, instant: Instant, newest: int) -> None:
+        """Take over an instant that late messages do not reach; the newest one is at the time `newest` [ns]."""
+        kept, events = self._kept, self._events
+        if not self._remembered:
+            self._spare.append(instant)
+            return
+        events.extend(instant.events)
+        self._counted += len(instant.events)
+        if kept and instant.stamp < kept[-1].instant.stamp + _BETWEEN:
+            self._spare.append(instant)
+            return
+        kept.append(Checkpoint(instant, self._counted))
+        while len(kept) > 1 and kept[1].instant.stamp < newest - self._remembered:
+            self._spare.append(kept.popleft().instant)
+        while len(events) > self._counted - kept[0].events:
+            events.popleft()
+
+    def before(self, since: int) -> int:
+        """The place of the newest checkpoint not after a time [ns], or of the oldest; negative."""
+        place = -1
+        while -place < len(self._kept) and self._kept[place].instant.stamp > since:
+            place -= 1
+        return place
+
+    def events_after(self, place: int) -> Iterable[Event]:
+        """All that was retired after a checkpoint."""
+        lost = self._counted - self._kept[place].events
+        return islice(self._events, len(self._events) - lost, None)
+
+    def go_back(self, place: int) -> Instant:
+        """Forget what was retired after a checkpoint, and return its instant without events."""
+        checkpoint = self._kept[place]
+        for _ in range(self._counted - checkpoint.events):
+            self._events.pop()
+        self._counted = checkpoint.events
+        checkpoint.instant.events = []  # which have been counted
+        self._spare += [later.instant for later in islice(self._kept, len(self._kept) + place + 1, None)]
+        for _ in range(-place):
+            self._kept.pop()
+        return checkpoint.instant
+
+
 class Timeline:
     """The past `reach` [s] of a filter, in steps no longer than `longest_step` [s]; as far as `remembered` [s] it can
     be gone back to by `rewind`, tenths of a second apart.
@@ -99,14 +165,11 @@ class Timeline:
     ) -> None:
         self.filter, self.channels = filter, tuple(channels)
         self.reach, self._step, self._merge = (int(time * 1e9) for time in (reach, longest_step, merge))
-        self._remembered = int(remembered * 1e9)
         self._corrected, self._act, self._in_one_go = corrected, act or self._happen, in_one_go
         self._afterwards, self._fault = afterwards, fault or self.recover
         self._history: list[Instant] = []
         self._spare: list[Instant] = []
-        self._checkpoints: deque[Checkpoint] = deque()
-        self._past: deque[Event] = deque()  # that followed the first checkpoint, as far as the history has lost them
-        self._counted = 0  # all events that the history has lost
+        self._checkpoints = Checkpoints(int(remembered * 1e9), self._spare)
         self._ahead: list[Event] = []  # what is to be done again after a late measurement
         self.stamp = 0  # time of the state when all that is ahead has been done again [ns]
 
@@ -121,7 +184,7 @@ class Timeline:
         self._spare += self._history
         self._history.clear()
         self._ahead.clear()
-        self._forget_checkpoints()
+        self._checkpoints.clear()
 
     @property
     def begun(self) -> bool:
@@ -131,7 +194,7 @@ class Timeline:
     def forget_past(self) -> None:
         """From before the present instant nobody can come here again."""
         del self._history[:-1]
-        self._forget_checkpoints()
+        self._checkpoints.clear()
 
     @property
     def oldest(self) -> int:
@@ -178,18 +241,8 @@ class Timeline:
         self.catch_up()
         place, events = self._before(since)
         if place < 0:
-            checkpoint = self._checkpoints[place]
             self._spare += self._history
-            self._history[:] = [checkpoint.instant]
-            for _ in range(self._counted - checkpoint.events):
-                self._past.pop()
-            self._counted = checkpoint.events
-            checkpoint.instant.events = []  # which have been counted
-            self._spare += [
-                lost.instant for lost in islice(self._checkpoints, len(self._checkpoints) + place + 1, None)
-            ]
-            for _ in range(-place):
-                self._checkpoints.pop()
+            self._history[:] = [self._checkpoints.go_back(place)]
         else:
             self._spare += self._history[place + 1 :]
             del self._history[place + 1 :]
@@ -204,7 +257,7 @@ class Timeline:
         may have changed since; then be as before. False if the filter could not go all the way."""
         self.catch_up()
         place, events = self._before(since)
-        instant = self._checkpoints[place].instant if place < 0 else self._history[place]
+        instant = self._checkpoints[place] if place < 0 else self._history[place]
         filter, went = self.filter, True
         before, scratch, now = filter.memory.copy(), filter.backup(), instant.stamp
         if events:
@@ -230,40 +283,14 @@ class Timeline:
         later: Iterable[Event] = chain.from_iterable(instant.events for instant in history[place + 1 :])
         if history[place].stamp <= since or not self._checkpoints:
             return place, sorted(later, key=_stamp_of)
-        place = -1
-        while -place < len(self._checkpoints) and self._checkpoints[place].instant.stamp > since:
-            place -= 1
-        lost = self._counted - self._checkpoints[place].events
-        past = islice(self._past, len(self._past) - lost, None)
-        return place, sorted(chain(past, history[0].events, later), key=_stamp_of)
+        place = self._checkpoints.before(since)
+        return place, sorted(chain(self._checkpoints.events_after(place), history[0].events, later), key=_stamp_of)
 
     def _retire_old(self, newest: int) -> None:
         """Take what is beyond the reach of late messages out of the history."""
         history = self._history
         while len(history) > 2 and history[0].stamp < newest - self.reach:
-            self._retire(history.pop(0), newest)
-
-    def _retire(self, instant: Instant, newest: int) -> None:
-        checkpoints, past = self._checkpoints, self._past
-        if not self._remembered:
-            self._spare.append(instant)
-            return
-        past.extend(instant.events)
-        self._counted += len(instant.events)
-        if checkpoints and instant.stamp < checkpoints[-1].instant.stamp + _BETWEEN:
-            self._spare.append(instant)
-            return
-        checkpoints.append(Checkpoint(instant, self._counted))
-        while len(checkpoints) > 1 and checkpoints[1].instant.stamp < newest - self._remembered:
-            self._spare.append(checkpoints.popleft().instant)
-        while len(past) > self._counted - checkpoints[0].events:
-            past.popleft()
-
-    def _forget_checkpoints(self) -> None:
-        self._spare += [checkpoint.instant for checkpoint in self._checkpoints]
-        self._checkpoints.clear()
-        self._past.clear()
-        self._counted = 0
+            self._checkpoints.retire(history.pop(0), newest)
 
     def _happen(self, event: Event) -> None:
         channel, innovation = self.channels[event.sensor], None

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from functools import singledispatch
 from typing import Any, NamedTuple
 
@@ -20,6 +20,7 @@ from vsense_ros.model.sensors import MeasuredQuantity, SensorBase
 from vsense_ros.model.vehicle import Vehicle
 from vsense_ros.observer.monitor import Limits, Monitor
 from vsense_ros.runner.guard import Vitals
+from vsense_ros.runner.inertial_axes import InertialAxes
 
 Array = NDArray[np.float64]
 
@@ -62,16 +63,6 @@ class Apart(NamedTuple):
     heading: float = 0.0  # [rad]
 
 
-class Judged(NamedTuple):
-    """An inertial sensor as the vote sees it: names of its axes, places of those that the filter uses, how many other
-    numbers stand behind its innovations, and its gate [standard deviations]."""
-
-    words: tuple[str, ...]
-    judged: tuple[int, ...]
-    conditions: int
-    gate: float
-
-
 class Adapter(ABC):
     """One filter of one vehicle, as the runner works with it.
 
@@ -93,13 +84,10 @@ class Adapter(ABC):
     )
     steering_error: int | None = None  # element of the state that is the error of the measured steering angle
 
-    def __init__(self, vehicle: Vehicle) -> None:
-        self.vehicle = vehicle
-
-    @property
-    def name(self) -> str:
-        """What to call the filter in a message."""
-        return type(self.filter).__name__
+    def __init__(self, filter: Filter, vehicle: Vehicle, inertial: InertialAxes | None = None) -> None:
+        self.filter, self.vehicle = filter, vehicle
+        self.inertial = inertial or InertialAxes(filter)
+        self.name: str = getattr(filter, "name", type(filter).__name__)  # what to call the filter in a message
 
     def attach(self, intake: Intake[SensorBase], timeline: Timeline) -> None:
         """Take note of the intake and the timeline that the runner has made for this filter."""
@@ -187,29 +175,6 @@ class Adapter(ABC):
 
     def after_event(self) -> None:  # noqa: B027
         """Do what follows on every reading that has acted."""
-
-    # Inertial sensors
-
-    def axes(self) -> dict[int, Judged]:
-        """Inertial sensors whose axes can be left out, by their place."""
-        return {}
-
-    def correct_inertial(self, channel: Channel, event: Event, gate: float) -> Innovation:
-        """Let an inertial reading correct the filter if its normalized innovation squared is at most `gate`."""
-        return self.filter.correct(channel.name, event.value, event.variance, gate)
-
-    def correct_by_axis(self, channel: Channel, event: Event, gate: float) -> Iterator[tuple[int, Innovation]]:
-        """Let the axes of an inertial reading correct the filter one by one, each with its place and innovation."""
-        for axis in np.flatnonzero(np.isfinite(event.value)).tolist():
-            alone = np.full_like(event.value, np.nan)
-            alone[axis] = event.value[axis]
-            yield axis, self.filter.correct(channel.name, alone, event.variance, gate)
-
-    def innovation_of_axis(self, channel: Channel, event: Event, axis: int) -> Innovation:
-        """Innovation of one axis, which leaves the filter as it is."""
-        alone = np.full_like(event.value, np.nan)
-        alone[axis] = event.value[axis]
-        return self.filter.correct(channel.name, alone, event.variance, -1.0)
 
     def bias(self, sensor: int, axis: int, jump: float) -> tuple[int, float] | None:
         """Element of the state that is the bias of an axis which is believed again, and its standard deviation then;

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from math import sqrt
 from typing import Any
 
@@ -31,8 +31,9 @@ from vsense_ros.observer.sensors import check_sensors
 from vsense_ros.observer.spi import Spi
 from vsense_ros.observer.state import DISTURB, FORCE, FORWARD, LATERAL, SLOPES, YAW_RATE, U
 from vsense_ros.observer.tilt import Tilt
-from vsense_ros.runner.adapter import Adapter, Apart, Judged, Move, Placing, Report, Widening, adapter_of
+from vsense_ros.runner.adapter import Adapter, Apart, Move, Placing, Report, Widening, adapter_of
 from vsense_ros.runner.guard import GUARD, Vitals
+from vsense_ros.runner.inertial_axes import InertialAxes, Judged
 
 Array = NDArray[np.float64]
 
@@ -48,6 +49,22 @@ _BENT = 0.06  # [rad] deviation of a heading from which on it bends a velocity; 
 _ALIKE = 0.9  # correlation of the errors of two parameters that can hardly be told apart
 
 
+class CarAxes(InertialAxes):
+    """All axes of all inertial sensors, which correct the filter of a car."""
+
+    def __init__(self, filter: CarFilter, sensors: Mapping[str, SensorBase]) -> None:
+        super().__init__(filter)
+        self._sensors = sensors
+
+    def axes(self) -> dict[int, Judged]:
+        judged = {}
+        for i, sensor in enumerate(self._sensors.values()):
+            if "rates and forces" in sensor.measures:
+                words = tuple(one.words for one in sensor.components)
+                judged[i] = Judged(words, tuple(range(len(words))), 0, sensor.gate)
+        return judged
+
+
 class CarAdapter(Adapter):
     """A filter of the multibody car.
 
@@ -58,9 +75,9 @@ class CarAdapter(Adapter):
     knows_car = True
 
     def __init__(self, filter: CarFilter, vehicle: Vehicle, sensors: dict[str, SensorBase]) -> None:
-        super().__init__(vehicle)
         check_sensors(vehicle, sensors)
-        self.filter, self.car, self.sensors = filter, filter.car, sensors
+        super().__init__(filter, vehicle, CarAxes(filter, sensors))
+        self.car, self.sensors = filter.car, sensors
         self.merge = vehicle.observer.merge_window
         self.left_out = left_out_of_observer(vehicle)
         self.has_position = any("position" in sensor.measures for sensor in sensors.values())
@@ -175,14 +192,6 @@ class CarAdapter(Adapter):
         """Where the vehicle file knows the road from place to place, take it as it is where the car is."""
         if self._road_map is not None and self.alignment.known:
             self._road_map.follow(self.filter)
-
-    def axes(self) -> dict[int, Judged]:
-        judged = {}
-        for i, sensor in enumerate(self.sensors.values()):
-            if "rates and forces" in sensor.measures:
-                words = tuple(one.words for one in sensor.components)
-                judged[i] = Judged(words, tuple(range(len(words))), 0, sensor.gate)
-        return judged
 
     def bias(self, sensor: int, axis: int, jump: float) -> tuple[int, float] | None:
         element = self.car.layout.biases[sensor].start + axis

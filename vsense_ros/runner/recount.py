@@ -139,12 +139,12 @@ class Recount:
             if axes is None:
                 innovation = self._adapter.correct(channel, event)
             else:
-                innovation = self._adapter.correct_inertial(channel, event, axes.gate)
+                innovation = self._adapter.inertial.correct(channel, event, axes.gate)
             score = scores.setdefault(event.sensor, np.zeros((3, len(innovation.whitened))))
             if axes is None or not innovation.nis > axes.gate:
                 _score(score, innovation)
                 return
-            for _, alone in self._adapter.correct_by_axis(channel, event, axes.gate):
+            for _, alone in self._adapter.inertial.correct_by_axis(channel, event, axes.gate):
                 _score(score, alone)
 
         return scores if timeline.again(self._since, act) else None

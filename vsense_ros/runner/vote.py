@@ -70,11 +70,11 @@ class Vote:
         by_hand: Callable[[Event], None],
         report: Callable[[int, str], None],
     ) -> None:
-        self._adapter = adapter
+        self._adapter, self._inertial = adapter, adapter.inertial
         self._others_there, self._by_hand, self._report = others_there, by_hand, report
         self.axes = {
             i: Axes(i, channels[i], one.words, one.judged, one.conditions, one.gate**2)
-            for i, one in adapter.axes().items()
+            for i, one in adapter.inertial.axes().items()
         }
         self.returned: list[tuple[int, int, float]] = []  # sensor and axis, and how far its bias may have jumped
         self._frozen: list[tuple[Axes, int, float]] = []  # and at which value
@@ -131,7 +131,7 @@ class Vote:
             if axes.out:
                 self._ask(axes, event)
                 event.without(list(axes.out))
-        innovation = self._adapter.correct_inertial(axes.channel, event, axes.gate)
+        innovation = self._inertial.correct(axes.channel, event, axes.gate)
         if innovation.nis > axes.gate:
             return self._look_closer(axes, event, innovation, first)
         if first:
@@ -146,7 +146,7 @@ class Vote:
         seen = Innovation(innovation.whitened.copy(), innovation.factor.copy(), innovation.nis, accepted=False)
         value, used, now = event.value.copy(), 0, event.stamp
         whitened = np.full_like(seen.whitened, np.nan)
-        for axis, innovation in self._adapter.correct_by_axis(axes.channel, replace(event, value=value), axes.gate):
+        for axis, innovation in self._inertial.correct_by_axis(axes.channel, replace(event, value=value), axes.gate):
             if innovation.accepted:
                 used += 1
                 whitened[axis] = innovation.whitened[axis]
@@ -194,7 +194,7 @@ class Vote:
         wrong."""
         alone = replace(event, value=np.full_like(event.value, np.nan))
         alone.value[axis] = event.value[axis] = value
-        self._adapter.correct_inertial(axes.channel, alone, np.inf)
+        self._inertial.correct(axes.channel, alone, np.inf)
 
     def measured(self, index: int, stamp: int, nis: float, components: int, limit: float) -> None:
         """The normalized innovation squared of a measurement of another sensor. One that is refused, and was in
@@ -263,7 +263,7 @@ class Vote:
             if not np.isfinite(value) or out.same >= VOTE.same:
                 out.agreed_from = 0
                 continue
-            innovation = self._adapter.innovation_of_axis(axes.channel, event, axis)
+            innovation = self._inertial.innovation_of_axis(axes.channel, event, axis)
             if not out.agreed_from or not innovation.nis <= axes.gate:
                 out.agreed_from, out.count, out.squares, out.total = now, 0, 0.0, 0.0
                 continue
