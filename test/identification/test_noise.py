@@ -88,7 +88,7 @@ def test_the_optimum_and_its_deviations_are_those_of_the_dense_density(walk: Arr
     def cost(point: Array) -> float:
         return -dense(walk, point) + 0.5 * float(point @ point) / NOISE.prior**2
 
-    found, deviation = maximise(evaluate, free(2))
+    found, deviation, _ = maximise(evaluate, free(2))
     best = minimize(cost, np.zeros(2), method="Nelder-Mead", options={"xatol": 0.01, "fatol": 0.01}).x
     assert np.all(np.abs(found - best) < 0.2 * deviation)
     near = 0.3
@@ -103,7 +103,7 @@ def test_a_number_that_the_measurements_say_nothing_about_stays(walk: Array):
     def evaluate(points: Sequence[Array], _) -> list[list[Innovations]]:
         return [[filtered(walk, point[:2])] for point in points]
 
-    found, deviation = maximise(evaluate, free(3))
+    found, deviation, _ = maximise(evaluate, free(3))
     assert found[2] == 0.0
     assert deviation[2] == pytest.approx(NOISE.prior)
 
@@ -121,8 +121,8 @@ def test_a_filter_that_did_not_judge_some_messages_is_compared_by_the_others(wal
             found.append([Innovations(of.whitened[judged], of.deviation[judged], of.used[judged], of.stamp[judged])])
         return found
 
-    found, _ = maximise(evaluate, free(2))
-    whole, deviation = maximise(lambda points, _: [[filtered(walk, point)] for point in points], free(2))
+    found, *_ = maximise(evaluate, free(2))
+    whole, deviation, _ = maximise(lambda points, _: [[filtered(walk, point)] for point in points], free(2))
     assert np.all(np.abs(found - whole) < deviation)
 
 
@@ -143,7 +143,7 @@ def test_outliers_that_the_gate_refuses_do_not_become_noise(walk: Array):
     def evaluate(points: Sequence[Array], _) -> list[list[Innovations]]:
         return [[filtered(wild, point, limit=36.0)] for point in points]
 
-    found, _ = maximise(evaluate, free(2))
+    found, *_ = maximise(evaluate, free(2))
     last = filtered(wild, found, limit=36.0)
     assert (~last.used).sum() == COUNT // 25
     assert STARTS[1] * np.exp(found[1]) == pytest.approx(1.0, rel=0.15)
@@ -154,7 +154,7 @@ def test_a_gate_that_refuses_much_is_taken_for_a_wrong_file(walk: Array):
         return [[filtered(walk, point, limit=4.0)] for point in points]
 
     assert filtered(walk, np.zeros(2), limit=4.0).used.mean() < 0.9
-    found, _ = maximise(evaluate, free(2))
+    found, *_ = maximise(evaluate, free(2))
     assert STARTS[1] * np.exp(found[1]) == pytest.approx(1.0, rel=0.15)
 
 
@@ -252,7 +252,8 @@ def test_the_noise_that_was_put_into_a_recording_is_found(car: Vehicle, tmp_path
     ):
         assert there in source
         source = source.replace(there, here)
-    source += "observer:\n  surroundings: {grade: 0.0, bank: 0.0}\n"  # as the road of the drive is, which is level
+    # The road of the drive is level.
+    source = source.replace("observer:\n", "observer:\n  surroundings: {grade: 0.0, bank: 0.0}\n")
     start, target = tmp_path / "start.yaml", tmp_path / "tuned.yaml"
     start.write_text(source, encoding="utf-8")
     half = {t: c.select(c.seconds < 6.0) for t, c in drive.channels.items()}

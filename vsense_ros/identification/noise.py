@@ -14,6 +14,7 @@ from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import Executor, ProcessPoolExecutor
 from dataclasses import asdict, dataclass
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -189,7 +190,7 @@ def tune(
         def evaluate(points: Sequence[Array], done: Progress | None) -> list[list[Innovations]]:
             return _innovations_of(pool, cars(points), count, done)
 
-        offsets, deviations = maximise(evaluate, free_parameters, part(progress, 0, 1))
+        offsets, deviations, _ = maximise(evaluate, free_parameters, part(progress, 0, 1))
         (tuned,) = cars([offsets], NOISE.digits)
         judged = [[pool.submit(_judged, i, car) for i in range(len(all_recordings))] for car in (fixed, tuned)]
         first, last = ([job.result() for job in of_car] for of_car in judged)
@@ -227,6 +228,25 @@ def _free(name: str) -> FreeParameter:
 
 # Innovations at each of some points, (k,) offsets, in the same order of sensors.
 Evaluate = Callable[[Sequence[Array], Progress | None], list[list[Innovations]]]
+_Mask = NDArray[np.bool_]
+
+
+class Slopes(NamedTuple):
+    """How the innovations of one sensor on one recording change with k free parameters."""
+
+    stamp: NDArray[np.int64]  # (n,) [ns] of the messages that are judged
+    credible: _Mask  # (n,) messages that are no outliers
+    by_innovation: Array  # (c m, k) slopes of the innovations of the credible messages, over their deviations
+    by_scale: Array  # (c m, k) slopes of the logarithms of these deviations
+
+
+class Maximum(NamedTuple):
+    """Offsets (k,) at which innovations are likeliest, with the prior of the free parameters, their standard deviations
+    (k,), and the slopes that led there, by recording and sensor."""
+
+    offsets: Array
+    deviations: Array
+    slopes: list[Slopes]
 
 
 def maximise(
@@ -234,32 +254,32 @@ def maximise(
     free_parameters: Sequence[FreeParameter],
     progress: Progress | None = None,
     iterations: int = NOISE.most_iterations,
-) -> tuple[Array, Array]:
-    """Offsets (k,) at which innovations are likeliest, with the prior of the free parameters, and their standard
-    deviations (k,).
+    *,
+    renew: bool = True,
+    earlier: Maximum | None = None,
+) -> Maximum:
+    """The offsets at which innovations are likeliest.
 
     Each iteration is a scoring step, shortened until it is an improvement. Which messages are outliers is decided once,
     at zero: if that could change, a filter that refuses whatever is unlikely would win. Two points are compared by the
-    messages that both have an innovation of.
+    messages that both have an innovation of. Without `renew` the slopes are those of the first point throughout, so
+    that a further iteration costs one evaluation in place of k + 1. The search goes on where an `earlier` one, of a car
+    that is much alike, ended, with its slopes and its messages.
     """
     count = len(free_parameters)
     deviations = np.array([free.deviation for free in free_parameters])
     low, high = np.array([free.low for free in free_parameters]), np.array([free.high for free in free_parameters])
-    offsets = np.zeros(count)
+    offsets = np.zeros(count) if earlier is None else earlier.offsets
     innovations_here = evaluate([offsets], None)[0]
     if not innovations_here:
         raise InputError("the recordings have no message of a sensor that measures; there is no innovation to judge by")
-    stamps, credible = (
-        [sensor_innovations.stamp for sensor_innovations in innovations_here],
-        [sensor_innovations.credible() for sensor_innovations in innovations_here],
-    )
+    slopes = None if earlier is None else earlier.slopes
+    stamps = [one.stamp for one in slopes or innovations_here]
+    credible = [one.credible for one in slopes] if slopes else [one.credible() for one in innovations_here]
 
-    def evaluate_messages(points: Sequence[Array], done: Progress | None = None) -> list[list[Innovations]]:
-        """`evaluate`, of the messages that there were at zero."""
-        return [
-            [sensor_innovations.at(stamp) for sensor_innovations, stamp in zip(by_sensor, stamps, strict=True)]
-            for by_sensor in evaluate(points, done)
-        ]
+    def at_stamps(by_sensor: Sequence[Innovations]) -> list[Innovations]:
+        """Innovations of the messages that are judged."""
+        return [innovations.at(stamp) for innovations, stamp in zip(by_sensor, stamps, strict=True)]
 
     def rise(new_offsets: Array, new_innovations: Sequence[Innovations]) -> float:
         """Twice the rise of log-likelihood and prior together, from the present values."""
@@ -273,11 +293,13 @@ def maximise(
         )
         return before - after + float(np.sum((offsets / deviations) ** 2) - np.sum((new_offsets / deviations) ** 2))
 
+    innovations_here = at_stamps(innovations_here)
     for iteration in range(iterations):
-        nearby = evaluate_messages(
-            [offsets + NOISE.difference * unit for unit in np.eye(count)], part(progress, iteration, iterations)
-        )
-        equations = _equations(free_parameters, offsets, innovations_here, nearby, credible)
+        if slopes is None or (renew and earlier is None):
+            points = [offsets + NOISE.difference * unit for unit in np.eye(count)]
+            nearby = [at_stamps(found) for found in evaluate(points, part(progress, iteration, iterations))]
+            slopes = _slopes(innovations_here, nearby, credible)
+        equations = _equations(free_parameters, offsets, innovations_here, slopes)
         change = _scoring_step(equations, offsets)
         if -0.5 * equations.gradient @ change < NOISE.least_gain * count:
             break
@@ -285,7 +307,7 @@ def maximise(
         step *= min(1.0, NOISE.largest_step / float(np.abs(step).max()))
         for shorter in NOISE.shares_of_step:
             new_offsets = np.clip(offsets + shorter * step, low, high)
-            new_innovations = evaluate_messages([new_offsets])[0]
+            new_innovations = at_stamps(evaluate([new_offsets], None)[0])
             if rise(new_offsets, new_innovations) > 0:
                 break
         else:
@@ -293,7 +315,8 @@ def maximise(
         offsets, innovations_here = new_offsets, new_innovations
     if progress is not None:
         progress(1.0)
-    return offsets, equations.spread() * deviations
+    assert slopes is not None
+    return Maximum(offsets, equations.spread() * deviations, slopes)
 
 
 def _scoring_step(equations: NormalEquations, offsets: Array) -> Array:
@@ -309,9 +332,6 @@ def _scoring_step(equations: NormalEquations, offsets: Array) -> Array:
     return change
 
 
-_Mask = NDArray[np.bool_]
-
-
 def _minus_twice_log_likelihood(all_innovations: Sequence[Innovations], credible: Sequence[_Mask]) -> float:
     """Minus twice the log-likelihood of innovations, which is minimised as squared residuals are in least squares."""
     return -2.0 * sum(float(i.log_density()[mask].sum()) for i, mask in zip(all_innovations, credible, strict=True))
@@ -321,13 +341,13 @@ def _equations(
     free_parameters: Sequence[FreeParameter],
     offsets: Array,
     present: Sequence[Innovations],
-    nearby: Sequence[Sequence[Innovations]],
-    credible: Sequence[_Mask],
+    slopes: Sequence[Slopes],
 ) -> NormalEquations:
     """The equations of a scoring step: the Fisher information stands where least squares has the products of slopes,
     and the gradient of the log-likelihood, with a minus, where it has those of slopes and residuals."""
     deviations = np.array([free.deviation for free in free_parameters])
-    gradient, information = _score(present, nearby, credible)
+    gradient, information = _score(present, slopes)
+    credible = [by_sensor.credible for by_sensor in slopes]
     return NormalEquations(
         tuple(free_parameters), offsets / deviations, 1.0, (information * np.outer(deviations, deviations))[None],
         (-gradient * deviations)[None], np.array([_minus_twice_log_likelihood(present, credible)]),
@@ -335,26 +355,35 @@ def _equations(
     )  # fmt: skip
 
 
-def _score(
+def _slopes(
     present: Sequence[Innovations], nearby: Sequence[Sequence[Innovations]], credible: Sequence[_Mask]
-) -> tuple[Array, Array]:
+) -> list[Slopes]:
+    """Slopes from innovations at present and where each of the free parameters is `NOISE.difference` further."""
+    found = []
+    for i, (at_present, mask) in enumerate(zip(present, credible, strict=True)):
+        by_innovation, by_scale = (np.zeros((at_present.whitened[mask].size, len(nearby))) for _ in range(2))
+        for k, all_there in enumerate(nearby):
+            stretch = all_there[i].deviation[mask] / at_present.deviation[mask]
+            change = (all_there[i].whitened[mask] * stretch - at_present.whitened[mask]) / NOISE.difference
+            by_innovation[:, k] = np.nan_to_num(change).clip(-NOISE.steepest, NOISE.steepest).ravel()
+            by_scale[:, k] = np.nan_to_num(np.log(stretch) / NOISE.difference).ravel()
+        found.append(Slopes(at_present.stamp, mask, by_innovation, by_scale))
+    return found
+
+
+def _score(present: Sequence[Innovations], slopes: Sequence[Slopes]) -> tuple[Array, Array]:
     """Gradient (k,) and Fisher information (k, k) of the log-likelihood.
 
     Of an innovation e with deviation d the log density is -½ (e/d)² - log d: its slope is -(e/d)(∂e/d) + ((e/d)² - 1)
     ∂log d, and its information (∂e/d)² + 2 (∂log d)². The factor (e/d)² - 1, which vanishes in the mean at the optimum,
     keeps the error of one-sided differences out of the result.
     """
-    count = len(nearby)
+    count = slopes[0].by_scale.shape[1]
     slope, information = np.zeros(count), np.zeros((count, count))
-    for i, (at_present, mask) in enumerate(zip(present, credible, strict=True)):
-        by_innovation, by_scale = (np.zeros((at_present.whitened[mask].size, count)) for _ in range(2))
-        for k, all_there in enumerate(nearby):
-            stretch = all_there[i].deviation[mask] / at_present.deviation[mask]
-            change = (all_there[i].whitened[mask] * stretch - at_present.whitened[mask]) / NOISE.difference
-            by_innovation[:, k] = np.nan_to_num(change).clip(-NOISE.steepest, NOISE.steepest).ravel()
-            by_scale[:, k] = np.nan_to_num(np.log(stretch) / NOISE.difference).ravel()
-        w = np.nan_to_num(at_present.whitened[mask]).ravel()
-        slope += (w**2 - 1) @ by_scale - w @ by_innovation
+    for at_present, (_, mask, by_innovation, by_scale) in zip(present, slopes, strict=True):
+        whitened = at_present.whitened[mask].ravel()
+        w = np.nan_to_num(whitened)
+        slope += np.where(np.isnan(whitened), 0.0, w**2 - 1) @ by_scale - w @ by_innovation
         information += by_innovation.T @ by_innovation + 2 * by_scale.T @ by_scale
     return slope, information
 

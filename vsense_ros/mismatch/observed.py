@@ -21,7 +21,7 @@ from vsense_ros.evaluate.metrics import SignalScore, align, compare
 from vsense_ros.evaluate.reference import at_reference
 from vsense_ros.evaluate.signals import SLOWEST_SIDE_SLIP, read_signals
 from vsense_ros.identification.free_parameter import FreeParameter, multiplied, with_offsets
-from vsense_ros.identification.noise import NOISE, maximise, noise_numbers
+from vsense_ros.identification.noise import NOISE, Maximum, maximise, noise_numbers
 from vsense_ros.identification.parameter_set import EXACT, of_vehicle, with_values
 from vsense_ros.messages.recording import Recording
 from vsense_ros.mismatch.answer_schema import (
@@ -33,8 +33,7 @@ from vsense_ros.mismatch.answer_schema import (
 )
 from vsense_ros.mismatch.windows import Dataset
 from vsense_ros.model.vehicle import Vehicle
-from vsense_ros.runner import run
-from vsense_ros.runner.innovations import innovations
+from vsense_ros.runner.innovations import innovations, innovations_and_output
 
 Array = NDArray[np.float64]
 
@@ -47,6 +46,7 @@ class ObserverComparisonSettings:
     tuned_on: float = 150.0
     judged_on: float = 900.0  # [s] of what was held out
     iterations: int = 3  # of that search: beyond them levels change by less than they matter
+    further_iterations: int = 1  # of the search for the extended vehicle's, which begins where that one ended
     noteworthy: float = 0.003  # [nat] per message by which likelihoods differ for more than rounding
     worse: float = 1.05  # of an error against the reference, from where on it has grown
     # steps of Newton's method to the mounting of a reference, which is linear but for a small angle
@@ -84,12 +84,12 @@ def comparison(
     """
     pieces = _pieces(recordings, dataset)
     judged = [one.between(None, COMPARISON.judged_on / len(held_out)) for one in held_out] or pieces
-    tuned = {}
-    for name, car in (("retuned", vehicle), ("extended", extended)):
-        tuned[name] = with_fitting_noise(car, pieces, progress)
-    cars = {"as_it_was": vehicle, **tuned}
-    innovations_of = {name: [innovations(one, car) for one in judged] for name, car in cars.items()}
+    retuned, maximum = with_fitting_noise(vehicle, pieces, progress)
+    tuned, _ = with_fitting_noise(extended, pieces, progress, maximum)
+    cars = {"as_it_was": vehicle, "retuned": retuned, "extended": tuned}
+    runs = {name: [innovations_and_output(one, car) for one in judged] for name, car in cars.items()}
     progress()
+    innovations_of = {name: [innovations for innovations, _ in of_car] for name, of_car in runs.items()}
     # What an outlier is, is the same for all; and what one of them has no innovation of, none is judged by.
     credible = [{s: one.credible() for s, one in of.items()} for of in innovations_of["as_it_was"]]
     stamps = [{s: one.stamp for s, one in of.items()} for of in innovations_of["as_it_was"]]
@@ -102,8 +102,7 @@ def comparison(
                 del rows[s]
             for s in rows:
                 rows[s] = rows[s] & of[s].there
-    outputs = {name: _against_reference(judged, car) for name, car in cars.items()}
-    progress()
+    outputs = {name: _against_reference([run for _, run in runs[name]], judged, car) for name, car in cars.items()}
     figures = {
         name: ObserverFigures(
             log_likelihood=_per_message(of, credible),
@@ -118,14 +117,18 @@ def comparison(
         improved=False, sentence="", **figures,
     )  # fmt: skip
     verdict, sentence = _judged(result)
-    return result.with_(improved=verdict, sentence=sentence), tuned["extended"]
+    return result.with_(improved=verdict, sentence=sentence), tuned
 
 
 def with_fitting_noise(
-    vehicle: Vehicle, recordings: Sequence[Recording], progress: Callable[[], None] = lambda: None
-) -> Vehicle:
+    vehicle: Vehicle,
+    recordings: Sequence[Recording],
+    progress: Callable[[], None] = lambda: None,
+    earlier: Maximum | None = None,
+) -> tuple[Vehicle, Maximum]:
     """The vehicle with the noise levels of its model under which the recordings are likeliest: as `vsense tune` finds
-    them, with fewer numbers."""
+    them, with fewer numbers, and slopes that are simulated once; and how they were found, with which the search for
+    those of a car that is much alike begins."""
     estimating = vehicle.observer.parameters
     known = vehicle.model_copy(update={"observer": vehicle.observer.model_copy(update={"parameters": {}})})
     free_parameters = [_free(name, group) for name, group in noise_levels(vehicle).items()]
@@ -139,9 +142,11 @@ def with_fitting_noise(
             progress()
         return of_recordings
 
-    offsets, _ = maximise(evaluate, free_parameters, iterations=COMPARISON.iterations)
-    tuned = with_values(known, with_offsets(nominal, free_parameters, offsets), NOISE.digits)
-    return tuned.model_copy(update={"observer": tuned.observer.model_copy(update={"parameters": estimating})})
+    iterations = COMPARISON.iterations if earlier is None else COMPARISON.further_iterations
+    maximum = maximise(evaluate, free_parameters, iterations=iterations, renew=False, earlier=earlier)
+    tuned = with_values(known, with_offsets(nominal, free_parameters, maximum.offsets), NOISE.digits)
+    observer = tuned.observer.model_copy(update={"parameters": estimating})
+    return tuned.model_copy(update={"observer": observer}), maximum
 
 
 def noise_levels(vehicle: Vehicle) -> dict[str, tuple[str, ...]]:
@@ -233,11 +238,16 @@ class _Against:
     place: ReferencePlace | None
 
 
-def _against_reference(recordings: Sequence[Recording], vehicle: Vehicle) -> _Against:
-    referenced = [one for one in recordings if any(topic.startswith("reference/") for topic in one.channels)]
-    if not referenced:
+def _against_reference(every: Sequence[Recording], recordings: Sequence[Recording], vehicle: Vehicle) -> _Against:
+    """Errors of `every` output of the recordings of which there is a reference."""
+    pairs = [
+        (output, one)
+        for output, one in zip(every, recordings, strict=True)
+        if any(topic.startswith("reference/") for topic in one.channels)
+    ]
+    if not pairs:
         return _Against({}, None)
-    outputs = [run(one, vehicle).output for one in referenced]
+    outputs, referenced = zip(*pairs, strict=True)
     place = fitted_place(outputs, referenced, vehicle)
     stated = [compare(at_reference(o, vehicle), r) for o, r in zip(outputs, referenced, strict=True)]
     moved = vehicle
@@ -305,8 +315,8 @@ def _judged(compared: ObserverComparison) -> tuple[bool, str]:
     on = "held-out recordings" if compared.held_out else "the fitted recordings, as none was held out"
     gained, by_noise = (one.log_likelihood - was.log_likelihood for one in (extended, retuned))
     rises = gained > COMPARISON.noteworthy
-    further_off = _changed(extended, retuned)
-    by_model = further_off < 1 / COMPARISON.worse or (gained - by_noise > COMPARISON.noteworthy and further_off <= 1)
+    nearer, further_off = _changed(extended, retuned)
+    by_model = nearer < 1 / COMPARISON.worse or (gained - by_noise > COMPARISON.noteworthy and further_off <= 1)
     grown = [
         name.replace("_", " ")
         for name in PROVING
@@ -333,12 +343,16 @@ def _judged(compared: ObserverComparison) -> tuple[bool, str]:
     return False, f"The observer is not better with the extended file, as {worse}: {figures}."
 
 
-def _changed(extended: ObserverFigures, retuned: ObserverFigures) -> float:
-    """The side slip's error with the extended file over that with other noise levels alone; 1 without a reference."""
+def _changed(extended: ObserverFigures, retuned: ObserverFigures) -> tuple[float, float]:
+    """The side slip's error with the extended file over that with other noise levels alone, with the mounting of the
+    reference fitted, and the smaller of that and the ratio with the mounting of the file: a few centimetres of lever
+    arm make up for small errors of a model. 1 without a reference."""
     name = PROVING[0]
     if name not in extended.errors or name not in retuned.errors:
-        return 1.0
-    return extended.errors[name].without_constant / max(retuned.errors[name].without_constant, 1e-12)
+        return 1.0, 1.0
+    one, other = extended.errors[name], retuned.errors[name]
+    fitted = one.without_constant / max(other.without_constant, 1e-12)
+    return fitted, min(fitted, one.rmse / max(other.rmse, 1e-12))
 
 
 def _signed(value: float) -> str:

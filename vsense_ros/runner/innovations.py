@@ -18,7 +18,8 @@ from vsense_ros.messages.recording import Recording
 from vsense_ros.model.sensors import SensorBase
 from vsense_ros.model.vehicle import Vehicle
 from vsense_ros.observer.catalogue import FILTERS
-from vsense_ros.runner.run import never_started, topics_in
+from vsense_ros.runner.playing import play
+from vsense_ros.runner.run import Collected, never_started, topics_in
 from vsense_ros.runner.runner import Runner
 
 Array = NDArray[np.float64]
@@ -31,6 +32,19 @@ def innovations(recording: Recording, vehicle: Vehicle) -> dict[str, Innovations
     given all that was measured before it; what the observer goes back for and does again does not count again. Raises
     `InputError` if the observer never starts.
     """
+    found, _ = _watched(recording, vehicle, None)
+    return found
+
+
+def innovations_and_output(
+    recording: Recording, vehicle: Vehicle, rate: float = 100.0
+) -> tuple[dict[str, Innovations], Recording]:
+    """`innovations`, and what the same filter estimates, at `rate` [Hz] or less."""
+    return _watched(recording, vehicle, int(0.999e9 / rate))
+
+
+def _watched(recording: Recording, vehicle: Vehicle, interval: int | None) -> tuple[dict[str, Innovations], Recording]:
+    """Innovations by sensor, and what is estimated once in each `interval` [ns]; without one, nothing of it."""
     seen: dict[str, list[tuple[int, bool, Array]]] = {}
 
     def keep(sensor: str, stamp: int, innovation: Innovation) -> None:
@@ -40,9 +54,12 @@ def innovations(recording: Recording, vehicle: Vehicle) -> dict[str, Innovations
             seen.setdefault(sensor, []).append((stamp, innovation.accepted, np.stack([whitened, deviation])))
 
     runner = Runner(vehicle, recording.map_origin, FILTERS["error_ekf"].make, keep)
-    topics = topics_in(recording, runner.topics)
-    for sample in _as_measured(recording, runner.sensors).samples(topics):
-        runner.add(sample)
+    collected, last = Collected(runner.adapter), 0
+    for _ in play(runner, _as_measured(recording, runner.sensors), topics_in(recording, runner.topics)):
+        if interval is not None and runner.started and runner.stamp >= last + interval:
+            last, newest = runner.stamp, runner.incomplete_snapshot()
+            if runner.started:
+                collected.add(newest)
     if not runner.started:
         raise never_started(recording, runner)
     by_sensor = {}
@@ -52,7 +69,7 @@ def innovations(recording: Recording, vehicle: Vehicle) -> dict[str, Innovations
             whitened, deviation = np.array([innovation for *_, innovation in in_order]).transpose(1, 0, 2)
             used, stamps = np.array([used for _, used, _ in in_order]), np.array([stamp for stamp, *_ in in_order])
             by_sensor[name] = Innovations(whitened, deviation, used, stamps)
-    return by_sensor
+    return by_sensor, collected.recording(recording) if collected.count else Recording({}, name=recording.name)
 
 
 def _as_measured(recording: Recording, sensors: dict[str, SensorBase]) -> Recording:
