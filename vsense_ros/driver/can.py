@@ -60,9 +60,11 @@ class CanDecoder:
         self._database_ids = {(m.frame_id, m.is_extended_frame) for m in self.database.messages}
         self._ignored: dict[tuple[int, bool], str] = {}  # why, by identifier
         self.watch = PlausibilityWatch("can")
+        self._listeners: dict[tuple[int, bool], Receiver | Container] = {}  # those that do not change
+        self._frames = 0
         self._passed: Counter[tuple[int, bool]] = Counter()  # frames that nobody listens to
         self._counts = dict.fromkeys(
-            ("frames", "not mapped", "not in the database", "error frames", "broken frames", "without time stamp"), 0
+            ("not mapped", "not in the database", "error frames", "broken frames", "without time stamp"), 0
         )
         self._other_channels: set[str] = set()
         self._last_frame: int | None = None
@@ -128,41 +130,51 @@ class CanDecoder:
             if len(self._other_channels) < 16:
                 self._other_channels.add(str(message.channel))
             return []
-        if not 0.0 <= message.timestamp < LATEST / NANO:
+        arrival = message.timestamp * NANO
+        if not 0.0 <= arrival < LATEST:
             self._counts["without time stamp"] += 1
             return []
-        at = round(message.timestamp * NANO) if received is None else received
+        arrival = round(arrival)
+        at = arrival if received is None else received
         if message.is_error_frame:
             self._counts["error frames"] += 1
             self._last_error = at
             return []
-        self._counts["frames"] += 1
+        self._frames += 1
         self._last_frame = at
         if message.is_remote_frame:
             return []
         key = (message.arbitration_id, message.is_extended_id)
+        listener = self._listeners.get(key) or self._listener(key)
+        if listener is None:
+            return []
+        made = listener.feed(bytes(message.data), arrival, received)
+        for sample in made:
+            self.watch.add(sample)
+        return made
+
+    def _listener(self, key: tuple[int, bool]) -> Receiver | Container | None:
+        """Who listens to an identifier of which nobody knows yet; if it is nobody, the frame is counted."""
         ignored = self._ignored.get(key)  # most frames are for others
         if ignored is not None:
             self._counts[ignored] += 1
             self._passed[key] += 1
-            return []
+            return None
         receiver = self.receiver(*key)
-        container = self._containers.get(key) if receiver is None else None
+        if receiver is not None:
+            if not receiver.by_group:
+                self._listeners[key] = receiver
+            return receiver
+        container = self._containers.get(key)
         if container is not None:
-            return self._watched(container.feed(message, received))
-        if receiver is None:
-            reason = "not mapped" if key in self._database_ids else "not in the database"
-            self._counts[reason] += 1
-            self._passed[key] += 1
-            if not self._by_pgn:  # whose sender may change
-                self._ignored[key] = reason
-            return []
-        return self._watched(receiver.feed(message, received))
-
-    def _watched(self, made: list[Sample]) -> list[Sample]:
-        for sample in made:
-            self.watch.add(sample)
-        return made
+            self._listeners[key] = container
+            return container
+        reason = "not mapped" if key in self._database_ids else "not in the database"
+        self._counts[reason] += 1
+        self._passed[key] += 1
+        if not self._by_pgn:  # whose sender may change
+            self._ignored[key] = reason
+        return None
 
     def listens(self, identifier: int, is_extended: bool) -> bool:
         """True if frames with this identifier are of use."""
@@ -212,13 +224,13 @@ class CanDecoder:
         """Why a message may never have come."""
         if (identifier, not is_extended) in self._passed:
             return f"frames with this identifier come with {11 if is_extended else 29} bits: is the database right?"
-        if self._other_channels and not self._counts["frames"]:
+        if self._other_channels and not self._frames:
             return f"frames come from {', '.join(sorted(self._other_channels))}, expected channel {self.channel}"
         passed = self.passed()
         return f"of what comes nothing has its identifier: {passed}" if passed else ""
 
     def _bus(self, now: int) -> Diagnostic:
-        values = {name: str(count) for name, count in self._counts.items()}
+        values = {"frames": str(self._frames), **{name: str(count) for name, count in self._counts.items()}}
         passed = self.passed()
         if passed:
             values["identifiers that nothing listens to"] = passed

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 
-import can
 import numpy as np
 from cantools.database import Message
 from numpy.typing import NDArray
@@ -45,14 +44,13 @@ class Container:
         """Listen to a message in it."""
         self._receivers[part.header_id or 0] = receiver
 
-    def feed(self, message: can.Message, received: int | None) -> list[Sample]:
-        """Samples of all messages in one frame that are listened to; times as in `CanDecoder.feed`."""
+    def feed(self, data: bytes, arrival: int, received: int | None) -> list[Sample]:
+        """Samples of all messages in one frame that are listened to; times as in `Receiver.feed`."""
         made = []
-        for identifier, data in contained(bytes(message.data)):
+        for identifier, content in contained(data):
             receiver = self._receivers.get(identifier)
             if receiver is not None:
-                part = can.Message(timestamp=message.timestamp, is_fd=True, data=data, check=False)
-                made += receiver.feed(part, received)
+                made += receiver.feed(content, arrival, received)
         return made
 
     def parts(self, frames: Frames, lengths: NDArray[np.int64]) -> Iterator[tuple[Receiver, NDArray[np.intp], Frames]]:

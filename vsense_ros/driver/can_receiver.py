@@ -6,9 +6,9 @@ import math
 from collections import Counter
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
+from functools import partial
 from typing import Any
 
-import can
 import numpy as np
 from cantools.database import Message
 from cantools.database import Signal as DbcSignal
@@ -18,8 +18,9 @@ from vsense_ros.driver.can_checksum import CHECKSUMS
 from vsense_ros.driver.can_mapped_signal import Signal, Valid
 from vsense_ros.driver.can_mapping import AnyOutput, CounterCheck, MessageCheck, suggestion
 from vsense_ros.driver.can_motion import MotionBase
-from vsense_ros.driver.can_samples import Template, motion_sample
+from vsense_ros.driver.can_samples import InOrder, Template, motion_sample
 from vsense_ros.driver.can_signal import Array, Frames, SignalField
+from vsense_ros.driver.can_usual import Usual, UsualValue, usual_values
 from vsense_ros.driver.can_validity import Validity
 from vsense_ros.driver.monitor import NANO, StreamLimits, StreamMonitor
 from vsense_ros.errors import InputError
@@ -39,9 +40,6 @@ class _Flag:
         """True where the signal has one of the numbers; of a number or an array."""
         value = physical[self.signal]
         return np.isin(value, list(self.numbers)) if isinstance(value, np.ndarray) else value in self.numbers
-
-
-_Plain = tuple[float, float, float, float, float]  # gain, offset, lowest, highest, divisor
 
 
 @dataclass(frozen=True, slots=True)
@@ -67,13 +65,6 @@ class _Conversion:
             value = value * (1.0 - 2.0 * self.negative.of(physical))
         value = self.gain * value + self.offset
         return value / self.divisor, (self.lowest <= value) & (value <= self.highest)
-
-    @property
-    def plain(self) -> _Plain | None:
-        """The numbers of the conversion, where it is of one signal that no other judges; else None."""
-        if len(self.signals) > 1 or self.flags:
-            return None
-        return self.gain, self.offset, self.lowest, self.highest, self.divisor
 
     @property
     def flags(self) -> tuple[_Flag, ...]:
@@ -168,7 +159,6 @@ class _CounterState:
 # Name of a signal, where it is in the data as one number (byte order, shift, mask, bit of the sign), its scale and
 # offset, its usual values, its codes for no value, and its field if it is a floating-point number.
 _Place = tuple[str, bool, int, int, int, float, float, float, float, dict[int, str], SignalField | None]
-_Row = tuple[str, _Place, _Plain]  # of one value, with its name
 _Made = tuple[AnyOutput, dict[str, float]]  # values of an output in SI by their names
 
 
@@ -203,7 +193,8 @@ class Receiver:
                 f"{where}: {message.name} with {self.length} data bytes has no room for {', '.join(beyond)}"
             )
         self.places = [self._place(name, field) for name, field in self.fields.items()]
-        self._plain = self._plain_rows()
+        self._usual = self._compiled()
+        self._in_order: list[InOrder] = []  # what makes a sample of the usual values of each output
         self._before: dict[str, float] = {}  # the latest value of each signal, unless that is in …
         self._latest: bytes | None = None  # … the data of the latest frame, of which all values were usual
         self._templates: dict[tuple[int, tuple[str, ...]], Template] = {}  # by output and the values that it has
@@ -213,6 +204,7 @@ class Receiver:
             raise InputError(
                 f"{where}: checksum byte {self.checksum.byte} of {message.name} is outside its {self.length} bytes"
             )
+        self._checked = self.checksum is not None or bool(self.paged)
         self.by_group = of_j1939  # recognised by the parameter group of J1939, from the unit `source`
         self.source = check.source
         self.source_is_given = check.source is not None
@@ -235,19 +227,16 @@ class Receiver:
         floating = field if field.is_float else None
         return name, field.big_endian, shift, mask, sign, field.scale, field.offset, *bounds, validity.codes, floating
 
-    def _plain_rows(self) -> list[tuple[AnyOutput, list[_Row]]] | None:
-        """How each value of each output follows from the bits; None where the message has pages, or values are sums,
-        floating-point numbers, or judged by other signals."""
+    def _compiled(self) -> Usual | None:
+        """What makes usual values; None where the message has pages, or values are sums, floating-point numbers, or
+        judged by other signals."""
         conversions = [one for _, every in self.outputs for one in every]
-        if self.paged or any(one.plain is None for one in conversions):
+        if self.paged or any(len(one.signals) > 1 or one.flags for one in conversions):
             return None
         if any(self.fields[name].is_float for one in conversions for name in one.signals):
             return None
         places = {place[0]: place for place in self.places}
-        return [
-            (output, [(one.name, places[one.signals[0]], one.plain) for one in every if one.plain is not None])
-            for output, every in self.outputs
-        ]
+        return usual_values([[_usual(one, places) for one in every] for _, every in self.outputs], self.length)
 
     def objection(self, data: bytes) -> str | None:
         """Why the data is not believed before its signals are looked at. CAN FD knows few lengths and fills up to the
@@ -263,61 +252,49 @@ class Receiver:
                 return "bad checksum"
         return None
 
-    def feed(self, message: can.Message, received: int | None) -> list[Sample]:
-        """Samples of one frame, or none if it is not believed; times as in `CanDecoder.feed`.
+    def feed(self, data: bytes, arrival: int, received: int | None) -> list[Sample]:
+        """Samples of the data of one frame with a time stamp [ns], or none if it is not believed; `received` as in
+        `CanDecoder.feed`.
 
         A signal that has no value costs the values made of it, and the others stay.
         """
-        arrival = round(message.timestamp * NANO)
         at = arrival if received is None else received
-        monitor = self.monitor
-        data = bytes(message.data)
-        reason = self.objection(data)
-        if reason is not None:
-            monitor.fault(reason, at)
-            return []
-        if self.paged and not all(field.has(data) for field in self.paged):
-            monitor.passed("other multiplexer page")
-            return []
-        made = self._usual_values(data)
-        if made is None:
+        if len(data) != self.length or self._checked:
+            reason = self.objection(data)
+            if reason is not None:
+                self.monitor.fault(reason, at)
+                return []
+            if self.paged and not all(field.has(data) for field in self.paged):
+                self.monitor.passed("other multiplexer page")
+                return []
+        usual = self._usual and self._usual(data)
+        if usual is None:
             made = self._judged_values(data, at)
-        elif self.counter is not None and (
+            if not made or not self.monitor.accept(arrival, received):
+                return []
+            return [self._sample(output, values, arrival - self.latency, at) for output, values in made]
+        if self.counter is not None and (
             reason := self.counter.objection(int(self.fields[self.counter.check.signal].physical(data)))
         ):
-            monitor.fault(reason, at)
+            self.monitor.fault(reason, at)
             return []
-        else:
-            self._latest = data
-        if not made or not monitor.accept(arrival, received):
+        self._latest = data
+        if not self.monitor.accept(arrival, received):
             return []
-        stamp = arrival - self.latency
-        return [self._sample(output, values, stamp, at) for output, values in made]
+        in_order = self._in_order or self._prepare()
+        if len(in_order) == 1:
+            return [in_order[0](usual[0], arrival - self.latency, at)]
+        return [make(values, arrival - self.latency, at) for make, values in zip(in_order, usual, strict=True)]
 
-    def _usual_values(self, data: bytes) -> list[_Made] | None:
-        """The values of all outputs, where none is judged by another signal and all are usual, as nearly always: in one
-        go from the bits to SI. Else None, and nothing has been done."""
-        if self._plain is None:
-            return None
-        big = int.from_bytes(data[: self.length], "big")
-        little = int.from_bytes(data, "little")
-        made = []
-        for output, rows in self._plain:
-            values = {}
-            for name, place, (gain, addend, least, most, divisor) in rows:
-                _, is_big, shift, mask, sign, scale, offset, lowest, highest, codes, _ = place
-                raw = ((big if is_big else little) >> shift) & mask
-                if raw & sign:
-                    raw -= mask + 1
-                value = raw * scale + offset
-                if not lowest <= value <= highest or raw in codes:
-                    return None
-                value = gain * value + addend
-                if not least <= value <= most:
-                    return None
-                values[name] = value / divisor
-            made.append((output, values))
-        return made
+    def _prepare(self) -> list[InOrder]:
+        """Make what makes samples of usual values."""
+        for output, conversions in self.outputs:
+            names = tuple(one.name for one in conversions)
+            if isinstance(output, MotionBase):
+                self._in_order.append(partial(_motion_in_order, output, names))
+            else:
+                self._in_order.append(Template.of(output, names).filled_in_order)
+        return self._in_order
 
     def _judged_values(self, data: bytes, at: int) -> list[_Made]:
         """The values of the outputs that can be believed at a time [ns]; the rest is counted."""
@@ -483,6 +460,20 @@ def _believed_values(
     believed &= plausible
     value[~believed] = np.nan
     return value
+
+
+def _usual(conversion: _Conversion, places: Mapping[str, _Place]) -> UsualValue:
+    """A value of one signal that no other judges."""
+    _, big_endian, shift, mask, sign, scale, offset, lowest, highest, codes, _ = places[conversion.signals[0]]
+    of_signal = big_endian, shift, mask, sign, scale, offset, lowest, highest
+    to_si = conversion.gain, conversion.offset, conversion.lowest, conversion.highest, conversion.divisor
+    return UsualValue(*of_signal, *to_si, frozenset(codes))
+
+
+def _motion_in_order(
+    output: MotionBase, names: tuple[str, ...], values: tuple[float, ...], stamp: int, received: int
+) -> Sample:
+    return motion_sample(output, dict(zip(names, values, strict=True)), stamp, received)
 
 
 def _present(output: AnyOutput, values: Mapping[str, Array]) -> NDArray[np.bool_]:

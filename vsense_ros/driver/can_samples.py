@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass
+from operator import itemgetter
 from typing import Any
 
 import numpy as np
@@ -12,6 +14,9 @@ from vsense_ros.driver import samples
 from vsense_ros.driver.can_mapping import ImuOutput, JointStateOutput
 from vsense_ros.driver.can_motion import MotionBase
 from vsense_ros.messages.recording import Sample
+
+# A sample of values in a fixed order, with its stamp and its arrival [ns].
+InOrder = Callable[[tuple[float, ...], int, int], Sample]
 
 
 def motion_sample(output: MotionBase, values: dict[str, float], stamp: int, received: int) -> Sample:
@@ -29,6 +34,7 @@ class Template:
 
     sample: Sample
     vectors: tuple[tuple[str, tuple[str, ...]], ...]
+    names: tuple[str, ...]  # of the values
 
     @staticmethod
     def of(output: JointStateOutput | ImuOutput, names: tuple[str, ...]) -> Template:
@@ -40,7 +46,35 @@ class Template:
             sample, vectors = _imu_sample(output, names)
         for array in sample.values.values():
             array.setflags(write=False)
-        return Template(sample, tuple(vectors.items()))
+        return Template(sample, tuple(vectors.items()), names)
+
+    @property
+    def filled_in_order(self) -> InOrder:
+        """What `filled` does with all values in the order of `names`."""
+        common, names = self.sample, self.names
+        known, frame, joints, child = common.values, common.frame_id, common.names, common.child_frame_id
+        topic, kind = common.topic, common.kind
+        if len(self.vectors) == 1 and self.vectors[0][1] == names:
+            field = self.vectors[0][0]
+
+            def make(values: tuple[float, ...], stamp: int, received: int) -> Sample:
+                content = dict(known)
+                content[field] = np.array(values)
+                return Sample(topic, kind, stamp, content, frame, joints, child, received)
+
+            return make
+        order = {name: i for i, name in enumerate(names)}
+        picked = tuple(
+            (field, itemgetter(*(order.get(name, len(names)) for name in wanted))) for field, wanted in self.vectors
+        )
+
+        def make_vectors(values: tuple[float, ...], stamp: int, received: int) -> Sample:
+            content = dict(known)
+            for field, pick in picked:
+                content[field] = np.array(pick((*values, math.nan)))
+            return Sample(topic, kind, stamp, content, frame, joints, child, received)
+
+        return make_vectors
 
     def filled(self, values: dict[str, float], stamp: int, received: int) -> Sample:
         """A sample with these values at a time [ns]."""

@@ -44,6 +44,7 @@ class StreamMonitor:
     def __init__(self, name: str, limits: StreamLimits) -> None:
         self.name = name
         self.limits = limits
+        self._max_gap = limits.max_gap * NANO
         self.accepted = 0
         self.faults: Counter[str] = Counter()
         self.doubts: Counter[str] = Counter()
@@ -82,6 +83,11 @@ class StreamMonitor:
 
         With `at`, a long gap between stamps is accepted where the arrivals show the same gap.
         """
+        last = self._last_stamp
+        if last is not None and last < stamp < LATEST and stamp - last <= self._max_gap:  # as nearly always
+            self._strays = 0
+            self._take(stamp, at)
+            return True
         if not 0 <= stamp < LATEST:
             self.fault("time stamp out of range", at if at is not None else self._last_stamp or 0)
             return False
@@ -103,12 +109,15 @@ class StreamMonitor:
             self._recent.clear()
             self._recent_faults.clear()
             self.note("clock was set to another time", when)
+        self._take(stamp, at)
+        return True
+
+    def _take(self, stamp: int, at: int | None) -> None:
         self._last_stamp = stamp
         self._last_at = at
         self._last_heard = at if at is not None else stamp
         self._recent.append(stamp)
         self.accepted += 1
-        return True
 
     def _objection(self, stamp: int, at: int | None) -> str | None:
         if self._last_stamp is None:
