@@ -344,7 +344,7 @@ def test_a_fault_that_nobody_foresaw_in_a_sentence_does_not_come_back_with_the_n
     with pytest.raises(ZeroDivisionError):
         driver._on_bytes(rmc + sentence(b"$GNHDT,90.0,T*"), START)
     driver._on_bytes(rmc, START)
-    assert driver.published["gps/velocity"] == 1
+    assert driver.outputs.published["gps/velocity"] == 1
 
 
 @pytest.mark.exam
@@ -414,20 +414,20 @@ def test_a_recorder_says_that_it_listens_only_to_who_knows_its_newest_subscripti
 
     recorder = here(Recorder, RecorderParameters, bag=str(tmp_path / "bag"))
     said: list[Header] = []
-    monkeypatch.setattr(recorder, "_listening_publisher", SimpleNamespace(publish=said.append))
-    asked = recorder._question.topic
+    monkeypatch.setattr(recorder.answers, "_listening", SimpleNamespace(publish=said.append))
+    asked = recorder.answers.question.topic
     publisher = recorder.create_publisher(Header, "vehicle/something", 1)
     deadline = time.monotonic() + 10.0
     while recorder.count_publishers("vehicle/something") == 0 and time.monotonic() < deadline:
         time.sleep(0.01)
-    recorder._answer(asked)  # finds the new topic
-    recorder._answer(asked)  # which whoever asks there may not know
+    recorder.answers.answer(asked)  # finds the new topic
+    recorder.answers.answer(asked)  # which whoever asks there may not know
     assert not said
-    recorder._answer(recorder._question.topic)
+    recorder.answers.answer(recorder.answers.question.topic)
     assert [message.frame_id for message in said] == [recorder.get_fully_qualified_name()]
     recorder.trigger_deactivate()
-    recorder.expect_question()
-    recorder._answer(recorder._question.topic)
+    recorder.answers.expect_question()
+    recorder.answers.answer(recorder.answers.question.topic)
     assert len(said) == 1
     monkeypatch.undo()
     recorder.destroy_publisher(publisher)

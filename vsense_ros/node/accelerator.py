@@ -26,6 +26,7 @@ from vsense_ros.messages.diagnostic import Diagnostic, Level
 from vsense_ros.node.accelerator_link import REQUEST, RESPONSE, as_bytes, as_message
 from vsense_ros.node.base import SensingNode, run_node
 from vsense_ros.node.parameters import NodeParameters, parameter
+from vsense_ros.node.timers import steady_timer
 
 _NEWEST = QoSProfile(reliability=ReliabilityPolicy.RELIABLE, history=HistoryPolicy.KEEP_LAST, depth=16)
 _LINK = Link()
@@ -83,7 +84,7 @@ class AcceleratorNode(SensingNode[AcceleratorParameters]):
                 self._send_later(answer.data, answer.after)
             else:
                 self._answers.publish(as_message(answer.data))
-                self.published[RESPONSE] += 1
+                self.outputs.published[RESPONSE] += 1
         if len(self.times) < 1_000_000:
             self.times.append(time.perf_counter() - began)
 
@@ -93,9 +94,9 @@ class AcceleratorNode(SensingNode[AcceleratorParameters]):
             self.destroy_timer(timer)
             if self._subscription is not None:
                 self._answers.publish(as_message(data))
-                self.published[RESPONSE] += 1
+                self.outputs.published[RESPONSE] += 1
 
-        timer = self.create_steady_timer(after, send)
+        timer = steady_timer(self, after, send)
 
     def diagnostics(self) -> list[Diagnostic]:
         device = self._device

@@ -99,11 +99,11 @@ class CanDriver(SensingNode[CanDriverParameters]):
         self._latest_loss = ("", -math.inf)  # why, and when [s] of the monotonic clock
         self._decoder = CanDecoder(p.database, p.mapping)
         for output in self._decoder.mapping.outputs:
-            self.create_output(output.topic, output.message_kind)
+            self.outputs.create(output.topic, output.message_kind)
         if p.interface == "topic" and p.publish_frames:
             raise InputError("parameter publish_frames: with interface topic the frames are on can/frames already")
         if p.publish_frames:
-            self.create_output(FRAMES, FRAME_KIND)
+            self.outputs.create(FRAMES, FRAME_KIND)
         if p.interface == "topic":
             self._reader = Reader(self, message_type(FRAME_KIND), FRAMES, self._on_frame, raw=True)
 
@@ -229,11 +229,11 @@ class CanDriver(SensingNode[CanDriverParameters]):
         if self.parameters.publish_frames and not frame.is_fd:
             flags = (frame.is_remote_frame, frame.is_extended_id, frame.is_error_frame)
             sent = cdr_messages.CanFrame(stamp, frame.arbitration_id, bytes(frame.data), *flags, frame.dlc)
-            self.publish_bytes(FRAMES, FRAME_KIND, cdr_messages.encode_can_frame(sent))
+            self.outputs.publish_bytes(FRAMES, FRAME_KIND, cdr_messages.encode_can_frame(sent))
         with self._lock:
             samples = self._decoder.feed(frame, received)
         for sample in samples:
-            self.publish(sample)
+            self.outputs.publish(sample)
 
     def diagnostics(self) -> list[Diagnostic]:
         values = {

@@ -7,9 +7,11 @@ from typing import Any
 
 from std_msgs.msg import Header
 
-from vsense_ros.node.base import LISTENING_TOPIC, PROGRESS_TOPIC, QUESTIONS, SensingNode
+from vsense_ros.node.base import SensingNode
 from vsense_ros.node.reader import LOSSLESS
+from vsense_ros.node.replay_answers import LISTENING_TOPIC, PROGRESS_TOPIC, QUESTIONS
 from vsense_ros.node.rosbag2 import nanoseconds
+from vsense_ros.node.timers import steady_timer
 
 
 class Consumers:
@@ -32,7 +34,7 @@ class Consumers:
         """Ask all consumers anew whether they listen, every so many seconds until `complete` is called."""
         self._complete = False
         self._listening.clear()
-        self._timer = self._node.create_steady_timer(every, self._ask)
+        self._timer = steady_timer(self._node, every, self._ask)
 
     def complete(self) -> None:
         """All consumers that are waited for listen: the next question is not asked. Any thread may say so."""

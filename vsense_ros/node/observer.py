@@ -95,7 +95,7 @@ class ObserverNode(SensingNode[_OwnParameters]):
             self._observer.watch(load_limits(p.monitor))
         # The topics are those of any estimate, also of one before the start.
         for sample in self._observer.output():
-            self.create_output(sample.topic, sample.kind)
+            self.outputs.create(sample.topic, sample.kind)
         self._interval = round(1e9 / p.rate)
         self._next_due = 0
         self.received: Counter[str] = Counter()
@@ -123,7 +123,7 @@ class ObserverNode(SensingNode[_OwnParameters]):
             if extension.is_wanted(self.parameters):
                 self._extensions += (extension(self, self.parameters, car),)
                 for topic, kind in extension.outputs.items():
-                    self.create_output(topic, kind)
+                    self.outputs.create(topic, kind)
 
     def _origin(self) -> tuple[float, float, float] | None:
         """The map's origin that was set, or that an earlier process of this node has stored."""
@@ -164,24 +164,26 @@ class ObserverNode(SensingNode[_OwnParameters]):
         self._expected = {own: name for name, own in self._frames.items()}
         self._transforms = Transforms(car, self._frames) if p.transforms else None
         if self._transforms is not None:
-            self.create_output("/tf", "tf2_msgs/msg/TFMessage")
-            self.create_output("/tf_static", "tf2_msgs/msg/TFMessage", LATCHED)
-            self.create_output("robot_description", "std_msgs/msg/String", LATCHED)
+            self.outputs.create("/tf", "tf2_msgs/msg/TFMessage")
+            self.outputs.create("/tf_static", "tf2_msgs/msg/TFMessage", LATCHED)
+            self.outputs.create("robot_description", "std_msgs/msg/String", LATCHED)
             self._description = urdf(car, p.frame_prefix, p.base_frame)
         if p.autoware:
             for topic, kind in autoware.TOPICS.items():
-                self.create_output(topic, kind)
+                self.outputs.create(topic, kind)
 
     def start(self) -> None:
         if self._transforms is not None:
-            self.publish_bytes("/tf_static", "tf2_msgs/msg/TFMessage", self._transforms.static())
-            self.publish_bytes("robot_description", "std_msgs/msg/String", cdr_messages.encode_text(self._description))
+            self.outputs.publish_bytes("/tf_static", "tf2_msgs/msg/TFMessage", self._transforms.static())
+            self.outputs.publish_bytes(
+                "robot_description", "std_msgs/msg/String", cdr_messages.encode_text(self._description)
+            )
 
     def _subscribe(self, topic: str, kind: str) -> Reader:
         def receive(data: bytes) -> None:
             self._receive(topic, kind, data)
 
-        return Reader(self, message_type(kind), topic, receive, raw=True, made_anew=self.expect_question)
+        return Reader(self, message_type(kind), topic, receive, raw=True, made_anew=self.answers.expect_question)
 
     def release(self) -> None:
         for extension in self._extensions:  # which stay, as the summary is written afterwards
@@ -214,7 +216,7 @@ class ObserverNode(SensingNode[_OwnParameters]):
             self._tell_noise(observer)
         for extension in self._extensions:
             for made in extension.add(sample):
-                self.publish(made)
+                self.outputs.publish(made)
         if not observer.started or not self._due(observer.stamp):
             return
         if self.parameters.publish_all:
@@ -271,13 +273,13 @@ class ObserverNode(SensingNode[_OwnParameters]):
         self._next_due = max(self._next_due + self._interval, observer.stamp + self._interval // 2)
         samples = observer.estimate()
         for sample in samples:
-            self.publish(self._in_published_frame(sample) if self._renamed else sample)
+            self.outputs.publish(self._in_published_frame(sample) if self._renamed else sample)
         if samples and self._transforms is not None:
             moving = self._transforms.moving(samples[0], observer.adapter.steering_angle)
-            self.publish_bytes("/tf", "tf2_msgs/msg/TFMessage", moving)
+            self.outputs.publish_bytes("/tf", "tf2_msgs/msg/TFMessage", moving)
         if samples and self.parameters.autoware:
             for topic, data in autoware.messages(samples[0], observer, self._frames["base_link"]):
-                self.publish_bytes(topic, autoware.TOPICS[topic], data)
+                self.outputs.publish_bytes(topic, autoware.TOPICS[topic], data)
         self._keep_origin(observer)
         now = self.time_base.now()
         if now is not None:
@@ -289,7 +291,7 @@ class ObserverNode(SensingNode[_OwnParameters]):
 
     def on_clock(self, stamp: int) -> None:
         if self.state == "active":
-            self.report_progress(stamp)
+            self.answers.report_progress(stamp)
 
     def diagnostics(self) -> list[Diagnostic]:
         if self._observer is None:

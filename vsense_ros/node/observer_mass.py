@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 
 
 class MassParameters(BaseModel):
-    """Whether the mass is estimated."""
+    """Parameters of the estimate of the mass."""
 
     mass: bool = Field(
         False, description="estimate mass and grade, which needs wheel speeds, and wheel torques for mass"

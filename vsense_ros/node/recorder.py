@@ -22,11 +22,13 @@ from vsense_ros.bag import BagWriter, TopicDescription
 from vsense_ros.errors import InputError
 from vsense_ros.messages.diagnostic import Diagnostic, Level
 from vsense_ros.node import rosbag2
-from vsense_ros.node.base import SensingNode, is_between_nodes, run_node
+from vsense_ros.node.base import SensingNode, run_node
 from vsense_ros.node.convert import describe, message_type
 from vsense_ros.node.parameters import NodeParameters, parameter, path_parameter
 from vsense_ros.node.qos import offered_text
 from vsense_ros.node.reader import Reader
+from vsense_ros.node.replay_answers import is_between_nodes
+from vsense_ros.node.timers import steady_timer
 
 
 @dataclass(frozen=True)
@@ -140,8 +142,8 @@ class Recorder(SensingNode[RecorderParameters]):
 
     def start(self) -> None:
         self._timers_of_recording = [
-            self.create_steady_timer(0.1, self._look),
-            self.create_steady_timer(SETTINGS.write_every, self._write),
+            steady_timer(self, 0.1, self._look),
+            steady_timer(self, SETTINGS.write_every, self._write),
         ]
         self._look_for_topics()
 
@@ -215,7 +217,7 @@ class Recorder(SensingNode[RecorderParameters]):
             self._inputs[topic] = self._subscribe(topic, description, accepted, latched)
         if len(self._inputs) == known:
             return False
-        self.expect_question()
+        self.answers.expect_question()
         return True
 
     def _subscribe(self, topic: str, description: TopicDescription, accepted: Any, latched: bool) -> Reader:
@@ -251,7 +253,7 @@ class Recorder(SensingNode[RecorderParameters]):
             self.recorded[name] += 1
 
         self._descriptions[name] = description
-        return Reader(self, accepted, topic, receive, raw=True, latched=latched, made_anew=self.expect_question)
+        return Reader(self, accepted, topic, receive, raw=True, latched=latched, made_anew=self.answers.expect_question)
 
     # Snapshots, pauses, files
 
@@ -301,7 +303,7 @@ class Recorder(SensingNode[RecorderParameters]):
             held, self._held = self._held, []
             for receive, data in held:
                 receive(data)
-        self.report_progress(stamp)
+        self.answers.report_progress(stamp)
 
     def hears_all(self) -> bool:
         """A replay announces its topics before it asks, so that they are known here."""

@@ -297,7 +297,7 @@ class Replay(SensingNode[ReplayParameters]):
         clock_due = 0.0
         while True:
             missing = [what for what, ready in self._waiting_for if not ready()]
-            missing += [f"a subscriber of {topic}" for topic in self.unheard]
+            missing += [f"a subscriber of {topic}" for topic in self.outputs.unheard]
             if consumers and time.monotonic() >= clock_due:  # each answer of a consumer ends the wait below
                 self._publish_clock(self._now)
                 clock_due = time.monotonic() + SETTINGS.look_every

@@ -123,7 +123,7 @@ class ReplaySources:
                 about = about or TopicDescription.of(topic, numbers.kind)
                 messages, times = [row.tobytes() for row in cdr.encode_channel(numbers)], numbers.received
             try:
-                node.create_output(topic, about.kind, profile_of(about.qos), about.type_hash)
+                node.outputs.create(topic, about.kind, profile_of(about.qos), about.type_hash)
             except InputError as error:
                 if p.topics:
                     raise
@@ -132,7 +132,7 @@ class ReplaySources:
             self._add(topic, partial(self._publish_row, topic, about.kind), times, messages)
 
     def _publish_row(self, topic: str, kind: str, data: bytes) -> int:
-        self.node.publish_bytes(topic, kind, data)
+        self.node.outputs.publish_bytes(topic, kind, data)
         return 0
 
     def _open_bus(self) -> Send:

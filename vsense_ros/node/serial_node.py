@@ -55,7 +55,7 @@ class SerialSensorNode(SensingNode[Params]):
         self._arrivals = Arrivals(len)
         self._decoder = self.make_decoder()
         for topic, kind in self.topics().items():
-            self.create_output(topic, kind)
+            self.outputs.create(topic, kind)
         self._link = self.open_source()
 
     def open_source(self) -> SerialLink | None:
@@ -88,7 +88,7 @@ class SerialSensorNode(SensingNode[Params]):
                     self._decoder = self.make_decoder()  # the old one still holds what it stumbled over
                     raise
             for sample in samples:
-                self.publish(sample)
+                self.outputs.publish(sample)
 
     def diagnostics(self) -> list[Diagnostic]:
         diagnostics = [self._link.diagnostic()] if self._link is not None else []

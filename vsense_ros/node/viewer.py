@@ -18,10 +18,12 @@ from vsense_ros.files.vehicle import load_vehicle
 from vsense_ros.messages import cdr
 from vsense_ros.messages.diagnostic import Diagnostic, Level
 from vsense_ros.messages.recording import FIELDS
-from vsense_ros.node.base import SensingNode, is_between_nodes, run_node
+from vsense_ros.node.base import SensingNode, run_node
 from vsense_ros.node.convert import describe, message_type
 from vsense_ros.node.parameters import NodeParameters, parameter, path_parameter
 from vsense_ros.node.reader import Reader
+from vsense_ros.node.replay_answers import is_between_nodes
+from vsense_ros.node.timers import steady_timer
 
 if TYPE_CHECKING:  # at run time only once it is configured: they need an optional package
     from vsense_ros.node.foxglove_server import FoxgloveServer
@@ -61,8 +63,8 @@ class Viewer(SensingNode[ViewerParameters]):
 
     def start(self) -> None:
         self._timers_of_viewing = (
-            self.create_steady_timer(0.2, self._look_for_topics),
-            self.create_steady_timer(0.05, self._tell_time),
+            steady_timer(self, 0.2, self._look_for_topics),
+            steady_timer(self, 0.05, self._tell_time),
         )
 
     def stop(self) -> None:
