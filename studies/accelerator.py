@@ -187,7 +187,7 @@ def results(
         if backend == "rtl" and missing():
             continue
         try:
-            from vsense_ros.node.latency import through_topics
+            from studies.accelerator_latency import through_topics
 
             with progress(f"node, {backend}") as done:
                 times = through_topics(backend, done)

@@ -17,17 +17,18 @@ import casadi as ca
 import numpy as np
 from numpy.typing import NDArray
 
+from studies.handling.bicycle_3dof import Bicycle3Dof
+from studies.handling.bicycle_5dof import Bicycle5Dof
+from studies.handling.linear import output_values, system_matrices
+from studies.handling.twin_track_3dof import TwinTrack3Dof
+from studies.handling.twin_track_7dof import TwinTrack7Dof
 from vsense_ros.assess.drives import trajectory
 from vsense_ros.files.installed import vehicle_path
 from vsense_ros.files.vehicle import load_vehicle
 from vsense_ros.model.coordinates import SPEED_X, SPEED_Y, SPIN, STEERING, TORQUES, YAW, YAW_RATE
 from vsense_ros.model.handling.base import HandlingModel, car_numbers, static_loads
-from vsense_ros.model.handling.bicycle_2dof import Bicycle2Dof, system_matrices
-from vsense_ros.model.handling.bicycle_3dof import Bicycle3Dof
-from vsense_ros.model.handling.bicycle_5dof import Bicycle5Dof
+from vsense_ros.model.handling.bicycle_2dof import Bicycle2Dof
 from vsense_ros.model.handling.response import Response, Values
-from vsense_ros.model.handling.twin_track_3dof import TwinTrack3Dof
-from vsense_ros.model.handling.twin_track_7dof import TwinTrack7Dof
 from vsense_ros.model.simulation.closed_loop import Trajectory, axle_of, rolling_radii
 from vsense_ros.model.vehicle import Vehicle
 
@@ -142,7 +143,7 @@ def open_loop(name: str, drive: Trajectory) -> dict[str, Array]:
     # Inputs of a kept instant are those of the millisecond that begins there: their mean is that of both ends.
     held = (driven_by[:-1] + driven_by[1:]) / 2
     states = response.drive(start, held, STEP)
-    outputs = response.output_values(states, driven_by)
+    outputs = output_values(response, states, driven_by)
     by_output = {output: outputs[:, i] for i, output in enumerate(model.outputs)}
     speed = states[:, 0] if "forward_velocity" in model.states else driven_by[:, model.inputs.index("speed")]
     return {"forward": speed, "lateral": by_output["lateral_velocity"], "yaw_rate": by_output["yaw_rate"]}

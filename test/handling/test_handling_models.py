@@ -12,18 +12,19 @@ from hypothesis import strategies as st
 from scipy import signal
 from scipy.integrate import solve_ivp
 
+from studies.handling.bicycle_3dof import Bicycle3Dof
+from studies.handling.bicycle_5dof import Bicycle5Dof
+from studies.handling.linear import output_values, system_matrices
+from studies.handling.twin_track_3dof import TwinTrack3Dof
+from studies.handling.twin_track_7dof import TwinTrack7Dof
 from vsense_ros.estimation.dense import Dense
 from vsense_ros.estimation.ekf import Ekf
 from vsense_ros.estimation.filter import Gaussian
 from vsense_ros.estimation.state_space import Measurement, Named, StateSpace
 from vsense_ros.model.coordinates import WHEELS
 from vsense_ros.model.handling.base import HandlingModel, Tyres
-from vsense_ros.model.handling.bicycle_2dof import Bicycle2Dof, system_matrices
-from vsense_ros.model.handling.bicycle_3dof import Bicycle3Dof
-from vsense_ros.model.handling.bicycle_5dof import Bicycle5Dof
+from vsense_ros.model.handling.bicycle_2dof import Bicycle2Dof
 from vsense_ros.model.handling.response import Response, Values
-from vsense_ros.model.handling.twin_track_3dof import TwinTrack3Dof
-from vsense_ros.model.handling.twin_track_7dof import TwinTrack7Dof
 from vsense_ros.model.tyres import Fiala, Linear
 
 # Leung 2010, table A.1 and eqs. 3.28 and 3.29: axle stiffnesses are twice those of a tyre.
@@ -121,7 +122,7 @@ def test_a_small_sine_of_the_steering_comes_out_as_the_frequency_response_says(m
         if name.startswith("steering"):
             inputs[:, i] = sine
     states = found.drive(x, inputs, step)[:-1]
-    lateral = found.output_values(states, inputs)[:, model.outputs.index("lateral_velocity")]
+    lateral = output_values(found, states, inputs)[:, model.outputs.index("lateral_velocity")]
     late = t > 4
     basis = np.exp(1j * frequency * t[late])
     amplitude = np.linalg.lstsq(np.column_stack([basis.real, basis.imag]), lateral[late], rcond=None)[0]
@@ -253,7 +254,7 @@ def test_sensitivities_along_a_drive_are_finite_differences(model: HandlingModel
         for sign in (-1, 1):
             other = response(model)
             other.parameters[k] *= 1 + sign * 1e-5
-            told.append(other.output_values(other.drive(x, inputs, 0.01)[:-1], inputs))
+            told.append(output_values(other, other.drive(x, inputs, 0.01)[:-1], inputs))
         expected = (told[1] - told[0]) / (2e-5 * found.parameters[k])
         assert slopes[:, :, k] == pytest.approx(expected, rel=1e-3, abs=1e-5 * np.abs(expected).max() + 1e-15)
 
@@ -285,7 +286,7 @@ def test_a_filter_takes_a_handling_model_and_its_outputs_as_they_are() -> None:
     inputs = np.column_stack([0.03 * np.sin(2 * t), np.full(len(t), 20.0)])
     found = response(model)
     states = found.drive(np.array([0.05, 0.2]), inputs, 0.01)
-    told = found.output_values(states[:-1], inputs)
+    told = output_values(found, states[:-1], inputs)
     noise = np.random.default_rng(0).standard_normal((len(t), 2)) * (0.002, 0.1)
     for i in range(len(t)):
         filter_.inputs[:] = inputs[i]

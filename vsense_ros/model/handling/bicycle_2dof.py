@@ -66,15 +66,3 @@ class Bicycle2Dof(HandlingModel):
 
     def tyre_numbers(self) -> dict[str, float]:
         return {} if self.tyres is None else self.tyres.numbers()
-
-
-def system_matrices(p: Any, speed: Scalar) -> tuple[ca.SX, ca.SX]:
-    """A (2, 2) and B (2, 1) of the linear model in side slip and yaw rate, driven by the road-wheel angle."""
-    front, rear, a, b = p.front_stiffness, p.rear_stiffness, p.to_front, p.to_rear
-    turning = b * rear - a * front
-    damping = a * a * front + b * b * rear
-    by_state = ca.vertcat(
-        ca.horzcat(-(front + rear) / (p.mass * speed), turning / (p.mass * speed**2) - 1),
-        ca.horzcat(turning / p.yaw_inertia, -damping / (p.yaw_inertia * speed)),
-    )
-    return ca.SX(by_state), ca.SX(ca.vertcat(front / (p.mass * speed), a * front / p.yaw_inertia))

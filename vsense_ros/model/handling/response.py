@@ -146,12 +146,6 @@ class Response:
         slopes = np.asarray(output_slopes(before, inputs.T, parameters))
         return slopes.reshape(len(self.model.outputs), steps, count).transpose(1, 0, 2)
 
-    def output_values(self, states: Array, inputs: Array) -> Array:
-        """Outputs (n, m) of states (n, states) with inputs (n, k)."""
-        run = self.outputs.map(len(states))
-        parameters = np.broadcast_to(self.parameters[:, None], (len(self.parameters), len(states)))
-        return np.asarray(run(states.T, inputs.T, parameters)).T
-
 
 def rosenbrock_step(rates: ca.Function, jacobian: ca.SX, x: ca.SX, u: ca.SX, p: ca.SX, h: Scalar) -> ca.SX:
     """State after `h` [s] by the method ROS2 of second order (Verwer et al. 1999): spin of wheels is stiff."""

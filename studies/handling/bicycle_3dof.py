@@ -9,16 +9,8 @@ from __future__ import annotations
 
 from typing import Any
 
-from vsense_ros.model.handling.base import (
-    AXLES,
-    CHASSIS,
-    Planar,
-    TyreKind,
-    Tyres,
-    in_car_axes,
-    in_wheel_axes,
-    loads_at_rest,
-)
+from studies.handling.planar import CHASSIS, Planar, in_car_axes, in_wheel_axes
+from vsense_ros.model.handling.base import AXLES, TyreKind, Tyres, loads_at_rest
 from vsense_ros.model.parameter import Scalar
 from vsense_ros.model.tyres import TyreInput
 from vsense_ros.model.vehicle import Vehicle

@@ -7,8 +7,9 @@ from __future__ import annotations
 
 from typing import Any
 
-from vsense_ros.model.handling.base import AXLES, CHASSIS, Planar, Tyres
-from vsense_ros.model.handling.bicycle_3dof import Bicycle3Dof
+from studies.handling.bicycle_3dof import Bicycle3Dof
+from studies.handling.planar import CHASSIS, Planar
+from vsense_ros.model.handling.base import AXLES, Tyres
 from vsense_ros.model.parameter import Scalar
 
 

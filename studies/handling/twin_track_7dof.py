@@ -8,9 +8,10 @@ from __future__ import annotations
 
 from typing import Any
 
+from studies.handling.planar import Planar
+from studies.handling.twin_track_3dof import TwinTrack3Dof
 from vsense_ros.model.coordinates import WHEELS
-from vsense_ros.model.handling.base import Planar, Tyres
-from vsense_ros.model.handling.twin_track_3dof import TwinTrack3Dof
+from vsense_ros.model.handling.base import Tyres
 from vsense_ros.model.parameter import Scalar
 
 
