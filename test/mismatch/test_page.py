@@ -234,6 +234,22 @@ def test_an_ambiguous_answer_names_all_that_remains_and_the_test_that_separates_
     assert "steady turn on a banked road; watch the lateral acceleration (d′ 6.0 predicted)" in terminal(found)
 
 
+def test_what_every_explanation_has_that_remains_is_sure_and_not_left_open(tmp_path):
+    ids = ("road_bank", "tyre_conicity", "steering_offset")
+    rivals = [["road_bank", "tyre_conicity"], ["road_bank", "steering_offset"]]
+    found = finding("ambiguous", effects=[effect(id, 0.5) for id in ids], answer_set=ids, rivals=rivals)
+    text = read(found, [], tmp_path).text
+    sure, _, left_open = text.partition("On this page")[0].rpartition("Sure:")[2].partition("leave open")
+    assert [name in sure for name in ("Road bank", "Tyre conicity", "Steering offset")] == [True, False, False]
+    assert [name in left_open for name in ("Road bank", "Tyre conicity", "Steering offset")] == [False, True, True]
+
+
+def test_before_a_test_was_designed_the_page_says_how_to_and_not_that_there_is_none(tmp_path):
+    text = read(finding("ambiguous", would_separate=None, drive_next=""), [], tmp_path).text
+    assert "vsense explain --next looks for the manoeuvre" in text
+    assert "No test is known" not in text
+
+
 def test_an_ambiguous_answer_says_with_which_of_its_effects_the_model_is_shown(tmp_path):
     ids = ("road_bank", "tyre_conicity", "steering_offset")
     rivals = [["road_bank", "tyre_conicity"], ["road_bank", "steering_offset"]]
@@ -410,7 +426,8 @@ def test_the_places_of_a_road_are_said_to_be_in_a_file_that_is_written(verdict, 
 def test_remarks_speak_of_an_extended_vehicle_only_where_one_is_written(verdict):
     road = SimpleNamespace(effects=("road_bank",), candidates=[SimpleNamespace(along_road=True)], fit=None)
     judged = SimpleNamespace(leader=road, verdict=verdict, besides=(), other_places=tuple)
-    proof = SimpleNamespace(lost=lambda fit: [], against=lambda leader: "", by_pieces=lambda fit: False)
+    comparisons = SimpleNamespace(lost=lambda fit: [], by_pieces=lambda fit: False)
+    proof = SimpleNamespace(against=lambda leader: "", comparisons=comparisons)
     (said,) = remarks(judged, Evidence(proof, None, {"imu", "gnss_velocity"}, {}))
     assert said.startswith("its profile along the road is given by the distance driven")
     assert ("extended vehicle" in said, "road.csv" in said) == (verdict == "named",) * 2

@@ -403,6 +403,13 @@ class Answer(_Part):
     cpu_s: float = _field("Time of computing.", "s")
 
     @property
+    def sure(self) -> list[str]:
+        """Ids of the effects that every explanation has which remains; where there is only one, none."""
+        if len(self.rivals) < 2:
+            return []
+        return [id for id in self.answer_set if all(id in effects for effects in self.rivals)]
+
+    @property
     def accepted(self) -> tuple[EffectEntry, ...]:
         """The effects that are named."""
         return tuple(effect for effect in self.effects if effect.accepted)

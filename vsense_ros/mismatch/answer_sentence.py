@@ -95,13 +95,13 @@ def _unexplained(answer: Answer) -> str:
 
 def _in_doubt(answer: Answer) -> str:
     """Which effects the recordings cannot tell apart, and which are sure besides."""
-    shared = [id for id in answer.answer_set if all(id in effects for effects in answer.rivals)]
+    shared = answer.sure
     others = [[id for id in effects if id not in shared] for effects in answer.rivals]
     choices = [" with ".join(BY_ID[id].sentence for id in effects) for effects in others if effects]
     doubt = f"these recordings cannot determine which it is: {', or '.join(dict.fromkeys(choices))}."
     if not shared:
         return doubt[0].upper() + doubt[1:]
-    return f"The model leaves out {' and '.join(BY_ID[id].sentence for id in shared)}; what besides, {doubt}"
+    return f"The model leaves out {' and '.join(BY_ID[id].sentence for id in shared)}. It leaves out more, and {doubt}"
 
 
 def _falls(term: EffectEntry | Force, answer: Answer) -> str:

@@ -49,7 +49,8 @@ Headline = tuple[str, str]  # a figure, and what it is
 
 def write_report(answer: Answer, traces: Sequence[Trace], path: Path) -> None:
     """Write the page about an answer, with the curves of `traces`, to `path`."""
-    effects = effect_rows(answer)
+    effects, sure = effect_rows(answer), answer.sure
+    remain = [(row, entry.id in sure) for row, entry in zip(effects, answer.effects, strict=True) if row.in_answer]
     write_page(
         path,
         _TEMPLATES,
@@ -57,6 +58,9 @@ def write_report(answer: Answer, traces: Sequence[Trace], path: Path) -> None:
         answer=answer,
         badge=badge_of(answer),
         effects=effects,
+        sure=[row for row, is_sure in remain if is_sure],
+        left_open=[row for row, is_sure in remain if not is_sure],
+        designed=answer.would_separate is not None,
         first=_first(answer),
         together=any(row.together for row in effects),
         threshold=percent(answer.threshold),
@@ -113,7 +117,7 @@ def write_next_test(answer: Answer, path: Path) -> None:
     if path.is_file():
         words = (
             page_template(_TEMPLATES, "next_test.html.j2")
-            .render(answer=answer, next_test=next_test_in_words(answer))
+            .render(answer=answer, next_test=next_test_in_words(answer), designed=True)
             .strip()
         )
         page = path.read_text(encoding="utf-8")
