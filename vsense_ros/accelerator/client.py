@@ -125,10 +125,10 @@ class Client:
             missing = np.abs(scaled @ y - wanted).max()
             return bool(missing <= RESIDUAL * (np.abs(scaled).sum(axis=1).max() * np.abs(y).max() + 1.0))
 
-        found = self.request(kernel, system.reshape(-1).view(np.uint32), check)
-        if found is None:
+        solution = self.request(kernel, system.reshape(-1).view(np.uint32), check)
+        if solution is None:
             return on_processor(matrix, right)
-        return size * scale * found[:n].astype(float)
+        return size * scale * solution[:n].astype(float)
 
     def request(
         self, kernel: Kernel, words: NDArray[np.uint32], check: Callable[[NDArray[np.float32]], bool] = lambda _: True

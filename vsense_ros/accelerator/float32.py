@@ -53,13 +53,13 @@ def _by(operation: np.ufunc, a: ArrayLike, b: ArrayLike) -> Array:
     rounds there to fewer bits first, by which the largest such numbers become 2⁻¹²⁶.
     """
     with np.errstate(all="ignore"):
-        found = flushed(operation(a, b, dtype=np.float32))
-        smallest = np.abs(found) == SMALLEST
+        result = flushed(operation(a, b, dtype=np.float32))
+        smallest = np.abs(result) == SMALLEST
         if smallest.any():
             exact = np.abs(operation(a, b, dtype=np.float64))  # a product exactly, a quotient well enough to round it
             below = (exact * 2.0**64).astype(np.float32) < np.float32(2.0**-62)
-            found = np.where(smallest & below, np.copysign(ZERO, found), found)
-    return found
+            result = np.where(smallest & below, np.copysign(ZERO, result), result)
+    return result
 
 
 def is_positive_normal(x: ArrayLike) -> NDArray[np.bool_]:

@@ -79,7 +79,7 @@ class Uio:
         self._registers = self._words(p.registers, mmap.PAGESIZE)
         self._dma = self._words(p.dma, mmap.PAGESIZE)
         self._interrupts = self._file(p.interrupts) if p.interrupts else self._files[0]
-        self.kernel = self._found_kernel()
+        self.kernel = self._kernel_in_registers()
         start, size = self._attribute("phys_addr"), self._attribute("size")
         asked = 4 * max(self.kernel.words_in, self.kernel.table_words)
         self._result_at = -(-asked // _DMA.alignment) * _DMA.alignment
@@ -120,7 +120,7 @@ class Uio:
         except (OSError, ValueError) as error:
             raise InputError(f"{path} should tell the {name} of {self.places.buffer}: {error}") from None
 
-    def _found_kernel(self) -> Kernel:
+    def _kernel_in_registers(self) -> Kernel:
         number = self.read("KERNEL")
         if number not in BY_NUMBER:
             raise InputError(f"{self.places.registers} says that it is kernel {number}: not one of {sorted(BY_NUMBER)}")

@@ -194,7 +194,11 @@ def estimate_task(
 
 def _of_long_horizon(recording: Recording, car: Vehicle) -> list[Diagnostic]:
     """What filters of slowly changing quantities say at the end of a recording that has the sensors they need."""
-    return [found.diagnostic() for found in (radii_in(recording, car), mass_in(recording, car)) if found is not None]
+    return [
+        estimator.diagnostic()
+        for estimator in (radii_in(recording, car), mass_in(recording, car))
+        if estimator is not None
+    ]
 
 
 def check_filter(filter: str, *, smooth: bool = False, lag: float | None = None) -> None:

@@ -52,7 +52,7 @@ def gnss_outputs(signals: Sequence[HeardSignal]) -> tuple[GnssOutput, ...]:
         quantity = _quantity(signal)
         if quantity is not None and quantity[0] not in by_message[signal.message]:
             by_message[signal.message][quantity[0]] = signal, quantity[1]
-    found = []
+    outputs = []
     for kind, forms in _FORMS.items():
         candidates = [
             GnssOutput(kind, message, {name: carried[name] for name in (*form, *_WELCOME[kind]) if name in carried})
@@ -61,8 +61,8 @@ def gnss_outputs(signals: Sequence[HeardSignal]) -> tuple[GnssOutput, ...]:
             if set(form) <= set(carried)
         ]
         if candidates:
-            found.append(max(candidates, key=lambda one: next(iter(one.signals.values()))[0].rate))
-    return tuple(found)
+            outputs.append(max(candidates, key=lambda one: next(iter(one.signals.values()))[0].rate))
+    return tuple(outputs)
 
 
 def _quantity(signal: HeardSignal) -> tuple[str, str] | None:

@@ -126,10 +126,10 @@ def side_keys(name: str) -> list[tuple[int, str, str]]:
     with a star in its place."""
     together = re.sub(r"[^a-zäöü0-9]", "", name.lower())
     together = re.sub(r"\d+", "#", together)
-    found = []
+    keys = []
     for row, words in enumerate(SIDES):
         for wheel, word in zip(WHEEL_SIDES, words, strict=True):
             for match in re.finditer(f"(?={word})", together):
                 key = f"{together[: match.start()]}*{together[match.start() + len(word) :]}"
-                found.append((row, wheel, key))
-    return found
+                keys.append((row, wheel, key))
+    return keys

@@ -144,16 +144,16 @@ def _axes(roles: Roles) -> list[list[str]]:
     """Outputs of yaw rate and accelerations, one for each message."""
     by_message: dict[str, list[str]] = {}
     for role in _AXES:
-        found: Recognized | None = getattr(roles, role)
-        if found is not None:
-            by_message.setdefault(found.signal.message, []).append(role)
+        role_signal: Recognized | None = getattr(roles, role)
+        if role_signal is not None:
+            by_message.setdefault(role_signal.signal.message, []).append(role)
     outputs = []
     for message, names in by_message.items():
         comments, lines = [], []
         for role in names:
-            found = getattr(roles, role)
-            comments += _comments(found, roles.others.get(role, ()))
-            lines.append(f"      {_AXES[role]}: {_signal(found, noise=True)}")
+            role_signal = getattr(roles, role)
+            comments += _comments(role_signal, roles.others.get(role, ()))
+            lines.append(f"      {_AXES[role]}: {_signal(role_signal, noise=True)}")
         outputs.append(
             [
                 *comments,
@@ -191,37 +191,37 @@ def _contradicts(signal: HeardSignal, unit: str) -> bool:
     return stated is not None and stated != unit
 
 
-def _comments(found: Recognized, others: tuple[HeardSignal, ...] = ()) -> list[str]:
+def _comments(recognized: Recognized, others: tuple[HeardSignal, ...] = ()) -> list[str]:
     """Rate, range, agreement and doubts of a signal."""
-    signal = found.signal
+    signal = recognized.signal
     stated = f" {_plain(signal.unit)}" if signal.unit else ""
     facts = f"{_plain(signal.label)}: {signal.rate:.3g} Hz, {_number(signal.low)} to {_number(signal.high)}{stated}"
-    if math.isfinite(found.correlation):
-        facts += f"; correlation with what the other signals say {found.correlation:.2f}"
-    lines = [f"  # {facts}.", *(f"  # {_plain(reason)}." for reason in found.reasons)]
+    if math.isfinite(recognized.correlation):
+        facts += f"; correlation with what the other signals say {recognized.correlation:.2f}"
+    lines = [f"  # {facts}.", *(f"  # {_plain(reason)}." for reason in recognized.reasons)]
     if others:
         lines.append(f"  # It could also be {', '.join(_plain(one.label) for one in others)}.")
     return ["", *lines]
 
 
-def _signal(found: Recognized, *, radius: bool = False, noise: bool = False) -> str:
+def _signal(recognized: Recognized, *, radius: bool = False, noise: bool = False) -> str:
     """One signal as a line of the mapping."""
-    signal = found.signal
-    parts = [f"signals: {_quoted(signal.name)}", f"unit: {_quoted(found.unit)}"]
-    if found.factor != 1.0:
-        parts.append(f"factor: {_number(found.factor)}")
-    if found.contradicts_stated_unit:
+    signal = recognized.signal
+    parts = [f"signals: {_quoted(signal.name)}", f"unit: {_quoted(recognized.unit)}"]
+    if recognized.factor != 1.0:
+        parts.append(f"factor: {_number(recognized.factor)}")
+    if recognized.contradicts_stated_unit:
         parts.append("ignore_stated_unit: true")
-    if found.sign is not None:
-        negative = "" if found.negative == 1 else f", negative: {found.negative}"
-        parts.append(f"sign: {{signal: {_quoted(found.sign.name)}{negative}}}")
-    if radius and units.quantity_of(found.unit) == "velocity":
+    if recognized.sign is not None:
+        negative = "" if recognized.negative == 1 else f", negative: {recognized.negative}"
+        parts.append(f"sign: {{signal: {_quoted(recognized.sign.name)}{negative}}}")
+    if radius and units.quantity_of(recognized.unit) == "velocity":
         parts.append(f"rolling_radius: {ROLES.radius}")
     if _leaves_range(signal):
-        low, high = _RANGES[found.unit]
+        low, high = _RANGES[recognized.unit]
         parts.append(f"range: [{_number(low)}, {_number(high)}]")
     if noise:
-        parts.append(f"standard_deviation: {_number(_noise(found))}")
+        parts.append(f"standard_deviation: {_number(_noise(recognized))}")
     return f"{{{', '.join(parts)}}}"
 
 
@@ -232,11 +232,11 @@ def _leaves_range(signal: HeardSignal) -> bool:
     return signal.low < signal.minimum or signal.high > signal.maximum
 
 
-def _noise(found: Recognized) -> float:
+def _noise(recognized: Recognized) -> float:
     """Standard deviation of the noise [SI]: that of the logged values, at least of a step and what sensors have."""
-    signal = found.signal
-    scale = abs(found.factor) * units.to_si(found.unit)
-    is_rate = units.quantity_of(found.unit) == "angular velocity"
+    signal = recognized.signal
+    scale = abs(recognized.factor) * units.to_si(recognized.unit)
+    is_rate = units.quantity_of(recognized.unit) == "angular velocity"
     least = PROPOSAL.rate_noise if is_rate else PROPOSAL.force_noise
     return float(f"{max(white_noise(signal.value) * scale, signal.step * scale / math.sqrt(12.0), least):.2g}")
 

@@ -98,7 +98,7 @@ class Roles:
 @dataclass(frozen=True)
 class _Candidate:
     points: float
-    found: Recognized
+    recognized: Recognized
 
 
 class _Motion:
@@ -181,8 +181,8 @@ def recognize(survey: CanSurvey) -> Roles:
     def best(role: str) -> Recognized | None:
         taken = {one.signal.label for one in wheels.values()}
         ranked = _ranked(motion, role, [one for one in signals if one.label not in taken])
-        others[role] = tuple(one.found.signal for one in ranked[1:5])
-        return ranked[0].found if ranked else None
+        others[role] = tuple(one.recognized.signal for one in ranked[1:5])
+        return ranked[0].recognized if ranked else None
 
     yaw_rate = best("yaw_rate")
     if yaw_rate is not None and (motion.yaw_rate is None or abs(yaw_rate.correlation) > ROLES.alike):
@@ -209,22 +209,22 @@ def _varies_more(values: Array, step: float) -> bool:
     return float(np.std(values)) > 0.3 * step
 
 
-def _per_unit(found: Recognized) -> float:
+def _per_unit(recognized: Recognized) -> float:
     """Metres per second at the rim of a wheel in one unit of its signal."""
-    is_angular = units.quantity_of(found.unit) == "angular velocity"
-    return abs(found.factor) * units.to_si(found.unit) * (ROLES.radius if is_angular else 1.0)
+    is_angular = units.quantity_of(recognized.unit) == "angular velocity"
+    return abs(recognized.factor) * units.to_si(recognized.unit) * (ROLES.radius if is_angular else 1.0)
 
 
-def _rim_speed(motion: _Motion, found: Recognized) -> Array:
-    return motion.of(found.signal) * _per_unit(found)
+def _rim_speed(motion: _Motion, recognized: Recognized) -> Array:
+    return motion.of(recognized.signal) * _per_unit(recognized)
 
 
-def _signed(motion: _Motion, found: Recognized) -> Array:
+def _signed(motion: _Motion, recognized: Recognized) -> Array:
     """Values at the common time, with the sign of their own bit."""
-    values = motion.of(found.signal)
-    if found.sign is None:
+    values = motion.of(recognized.signal)
+    if recognized.sign is None:
         return values
-    return values * np.where(np.round(motion.of(found.sign)) == found.negative, -1.0, 1.0)
+    return values * np.where(np.round(motion.of(recognized.sign)) == recognized.negative, -1.0, 1.0)
 
 
 # Speed and wheels
@@ -232,7 +232,7 @@ def _signed(motion: _Motion, found: Recognized) -> Array:
 
 def _speed(motion: _Motion, signals: Sequence[HeardSignal]) -> Recognized | None:
     """The speed of the car by its name, of several that with a unit and the finest steps."""
-    found = []
+    candidates = []
     for signal in signals:
         points = likeness("speed", signal.name, signal.message)
         quantity = units.quantity_of(signal.unit) if signal.unit else None
@@ -242,8 +242,8 @@ def _speed(motion: _Motion, signals: Sequence[HeardSignal]) -> Recognized | None
         unit = stated or ("km/h" if signal.high > 60 else "m/s")
         points += 0.5 * (stated is not None) + 0.3 * min(signal.bits / 16, 1.0) + 0.2 * _varies(signal)
         if signal.high * units.to_si(unit) < _LARGEST["velocity"]:
-            found.append(_Candidate(points, Recognized(signal, unit)))
-    return max(found, key=lambda one: one.points).found if found else None
+            candidates.append(_Candidate(points, Recognized(signal, unit)))
+    return max(candidates, key=lambda one: one.points).recognized if candidates else None
 
 
 def _wheels(motion: _Motion, signals: Sequence[HeardSignal], speed: Array | None) -> dict[str, Recognized]:
@@ -323,8 +323,8 @@ def _unit_of_wheels(motion: _Motion, wheels: Sequence[HeardSignal], speed: Array
 
 def _ranked(motion: _Motion, role: str, signals: Sequence[HeardSignal]) -> list[_Candidate]:
     """Signals that may play a role, the likeliest first."""
-    found = [one for signal in signals if (one := _candidate(motion, role, signal, signals)) is not None]
-    return sorted(found, key=lambda one: -one.points)
+    candidates = [one for signal in signals if (one := _candidate(motion, role, signal, signals)) is not None]
+    return sorted(candidates, key=lambda one: -one.points)
 
 
 def _candidate(motion: _Motion, role: str, signal: HeardSignal, signals: Sequence[HeardSignal]) -> _Candidate | None:
@@ -335,16 +335,16 @@ def _candidate(motion: _Motion, role: str, signal: HeardSignal, signals: Sequenc
     if name == 0 or signal.bits < 6 or quantity not in (None, "number", concept.quantity):
         return None
     points = name + 0.4 * (quantity == concept.quantity) + 0.1 * min(signal.bits / 16, 1.0) + 0.1 * _varies(signal)
-    found = Recognized(signal, "")
+    recognized = Recognized(signal, "")
     expected = motion.expected(role)
     gain = math.nan
     if expected is not None and _varies(signal):
         correlation, gain = motion.relation(motion.of(signal), expected)
-        found = replace(found, correlation=correlation)
+        recognized = replace(recognized, correlation=correlation)
         signed = _with_sign_bit(motion, signal, expected, signals)
         if signed is not None and abs(signed[0].correlation) > abs(correlation) + 0.1:
-            found, gain = signed
-        agreement = abs(found.correlation)
+            recognized, gain = signed
+        agreement = abs(recognized.correlation)
         if agreement > ROLES.alike:
             points += 0.3 + agreement
         elif agreement < ROLES.unlike:
@@ -355,14 +355,14 @@ def _candidate(motion: _Motion, role: str, signal: HeardSignal, signals: Sequenc
         return None
     unit, factor, reason = _unit_and_factor(signal, concept.quantity, gain, role)
     reasons = [reason] if reason else []
-    if abs(found.correlation) > ROLES.alike and gain < 0:
+    if abs(recognized.correlation) > ROLES.alike and gain < 0:
         factor = -factor
         reasons.append("reversed: positive to the right (or backwards) in the database")
-    if not math.isfinite(found.correlation):
+    if not math.isfinite(recognized.correlation):
         reasons.append("by its name alone: the drive does not show whether it agrees with the others")
-    elif abs(found.correlation) <= ROLES.alike:
-        reasons.append(f"agrees weakly with the others (correlation {found.correlation:.2f}): look at it")
-    return _Candidate(points, replace(found, unit=unit, factor=factor, reasons=tuple(reasons)))
+    elif abs(recognized.correlation) <= ROLES.alike:
+        reasons.append(f"agrees weakly with the others (correlation {recognized.correlation:.2f}): look at it")
+    return _Candidate(points, replace(recognized, unit=unit, factor=factor, reasons=tuple(reasons)))
 
 
 def _with_sign_bit(
@@ -375,10 +375,10 @@ def _with_sign_bit(
     for bit in signals:
         if bit.message != signal.message or bit.bits != 1 or not _varies(bit):
             continue
-        found = Recognized(signal, "", sign=bit)
-        correlation, gain = motion.relation(_signed(motion, found), expected)
+        recognized = Recognized(signal, "", sign=bit)
+        correlation, gain = motion.relation(_signed(motion, recognized), expected)
         if best is None or abs(correlation) > abs(best[0].correlation):
-            best = replace(found, correlation=correlation), gain
+            best = replace(recognized, correlation=correlation), gain
     if best is not None and best[1] < 0:  # then the bit says the opposite, and nothing need be reversed
         best = replace(best[0], negative=0, correlation=-best[0].correlation), -best[1]
     return best

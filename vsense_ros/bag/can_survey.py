@@ -142,15 +142,15 @@ def _named(
     identifier: int, extended: bool, known: dict[tuple[int, bool], tuple[str, Message]]
 ) -> tuple[str, Message | None]:
     """The message of an identifier, of one of J1939 whoever sends it."""
-    found = known.get((identifier, extended))
-    if found is None and extended:
-        found = known.get((identifier & ~0xFF | _J1939_NULL_ADDRESS, True))
-    return found or ("", None)
+    message = known.get((identifier, extended))
+    if message is None and extended:
+        message = known.get((identifier & ~0xFF | _J1939_NULL_ADDRESS, True))
+    return message or ("", None)
 
 
 def _signals(frames: CanFrames, group: NDArray[np.intp], name: str, message: Message) -> list[HeardSignal]:
     data = frames.rows(group)
-    found = []
+    heard = []
     for signal in message.signals:
         field = SignalField.of(signal, message)
         rows = (frames.length[group] > field.last) & (data.shape[1] > field.last)
@@ -162,7 +162,7 @@ def _signals(frames: CanFrames, group: NDArray[np.intp], name: str, message: Mes
         good = np.isfinite(values)
         if not good.any():
             continue
-        found.append(
+        heard.append(
             HeardSignal(
                 name,
                 signal.name,
@@ -176,4 +176,4 @@ def _signals(frames: CanFrames, group: NDArray[np.intp], name: str, message: Mes
                 values[good],
             )
         )
-    return found
+    return heard

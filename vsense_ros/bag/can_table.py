@@ -79,18 +79,18 @@ def _all(roles: Roles) -> dict[str, Recognized | None]:
 
 
 def _missing(roles: Roles) -> list[str]:
-    return [name for name, found in _all(roles).items() if found is None]
+    return [name for name, recognized in _all(roles).items() if recognized is None]
 
 
 def _roles(roles: Roles) -> Table:
     table = _table("it measures", "signal", "unit", "least", "largest", "agrees", right=("least", "largest", "agrees"))
-    for name, found in _all(roles).items():
-        if found is None:
+    for name, recognized in _all(roles).items():
+        if recognized is None:
             continue
-        signal = found.signal
-        agrees = "–" if found.correlation != found.correlation else f"{abs(found.correlation):.2f}"
-        sign = f" with {found.sign.name}" if found.sign is not None else ""
-        unit = found.unit if found.factor == 1.0 else f"{found.factor:g} {found.unit}"
+        signal = recognized.signal
+        agrees = "–" if recognized.correlation != recognized.correlation else f"{abs(recognized.correlation):.2f}"
+        sign = f" with {recognized.sign.name}" if recognized.sign is not None else ""
+        unit = recognized.unit if recognized.factor == 1.0 else f"{recognized.factor:g} {recognized.unit}"
         table.add_row(name, signal.label + sign, unit, f"{signal.low:.4g}", f"{signal.high:.4g}", agrees)
     for signal in roles.gnss[:_MOST_SIGNALS]:
         table.add_row("satellite receiver", signal.label, signal.unit, f"{signal.low:.4g}", f"{signal.high:.4g}", "–")

@@ -136,7 +136,7 @@ def _longest_parts(
     chosen = int(np.argmax(lengths))
     begin, end = cuts[leading][chosen], cuts[leading][chosen + 1]
     first, last = channels[leading].stamp[begin], channels[leading].stamp[end - 1]
-    found = {}
+    longest = {}
     for topic, channel in channels.items():
         parts = list(zip(cuts[topic][:-1], cuts[topic][1:], strict=True))
         if len(parts) == len(lengths):
@@ -144,11 +144,11 @@ def _longest_parts(
         else:
             common = [float(min(last, channel.stamp[b - 1]) - max(first, channel.stamp[a])) for a, b in parts]
             low, high = parts[int(np.argmax(common))]
-        found[topic] = channel.select(slice(int(low), int(high)))
+        longest[topic] = channel.select(slice(int(low), int(high)))
     at = cuts[leading][1]
     step = (channels[leading].stamp[at] - channels[leading].stamp[at - 1]) / _SECOND
     notes.append(
         f"the clock was set by {step:+.1f} s in the recording, which has {len(lengths)} parts by it "
         f"({', '.join(f'{seconds:.1f}' for seconds in lengths)} s): the longest is used"
     )
-    return found
+    return longest

@@ -14,14 +14,14 @@ from vsense_ros.messages.recording import Channel, Recording
 
 def concatenated(parts: Sequence[Recording]) -> dict[str, Channel]:
     """The channels of a recording that was split: rows one behind the other."""
-    found: dict[str, Channel] = {}
+    joined_channels: dict[str, Channel] = {}
     for part in parts:
         for topic, channel in part.channels.items():
-            first = found.get(topic)
+            first = joined_channels.get(topic)
             if first is None:
-                found[topic] = channel
+                joined_channels[topic] = channel
             elif (first.kind, first.names, first.frame_id) == (channel.kind, channel.names, channel.frame_id):
-                found[topic] = replace(
+                joined_channels[topic] = replace(
                     first,
                     stamp=np.concatenate([first.stamp, channel.stamp]),
                     received=np.concatenate([first.received, channel.received]),
@@ -29,7 +29,7 @@ def concatenated(parts: Sequence[Recording]) -> dict[str, Channel]:
                         name: np.concatenate([first.columns[name], channel.columns[name]]) for name in first.columns
                     },
                 )
-    return found
+    return joined_channels
 
 
 def joined(recordings: Sequence[Recording], *, keep_times: bool = False) -> Recording:
@@ -51,13 +51,13 @@ def joined(recordings: Sequence[Recording], *, keep_times: bool = False) -> Reco
                 f"{other.name}: has {', '.join(twice)}, which {first.name} has, too; a topic has one source: leave it "
                 "out of one of the mappings"
             )
-        found = (0.0, 1.0) if keep_times else clock_offset(replace(first, channels=channels), other)
-        if found is None:
+        clock = (0.0, 1.0) if keep_times else clock_offset(replace(first, channels=channels), other)
+        if clock is None:
             raise InputError(
                 f"{other.name}: nothing in it measures the same motion as {first.name} (a speed or a turning rate in "
                 "both), so that the difference of their clocks cannot be found; if they have one clock: --keep-times"
             )
-        offset, alike = found
+        offset, alike = clock
         if not keep_times:
             notes.append(
                 f"{other.name}: its times are put {offset:+.3f} s to those of {first.name}, by the motion that both "

@@ -216,13 +216,13 @@ class _Scan:
         if self.unchunked:
             self._gather(self.data, np.array(self.unchunked))
         file = self.file
-        found = replace(file)
+        file_so_far = replace(file)
         self.before += file.count + file.lost
         file.messages, file.notes, file.damage, file.lost = {}, [], [], 0
         self.unchunked, self.gathered = [], 0
         if isinstance(self.data, mmap.mmap) and hasattr(mmap, "MADV_DONTNEED"):
             self.data.madvise(mmap.MADV_DONTNEED)  # what has been read need not stay in memory
-        return found
+        return file_so_far
 
     def _read_summary(self, footer: int) -> None:
         """Read the definitions and the positions of the chunks at the end of a finished file."""

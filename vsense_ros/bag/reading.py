@@ -197,20 +197,20 @@ def bag_pieces(path: str | Path, size: int) -> Iterator[Recording]:
     about = _Bag()
     files, _ = _files(path, about)
     left_out: list[str] = []
-    found = False
+    any_messages = False
     for one in files:
         try:
             for part in read_pieces(one, size):
                 bag = _Bag(notes=about.notes, custom=dict(about.custom), informed=about.informed)
                 bag.add(part)
                 about.notes = []
-                found |= part.count > 0
+                any_messages |= part.count > 0
                 yield _whole(path, bag, READABLE).recording
         except InputError as error:
             if len(files) == 1:
                 raise
             left_out.append(f"left out: {error}")
-    if not found:
+    if not any_messages:
         raise _no_message(path, [*about.notes, *left_out])
     if left_out:
         yield Recording({}, _name(path), tuple(left_out), 0, {}, tuple(left_out))

@@ -25,11 +25,11 @@ from vsense_ros.observer.sensors import sensors_of
 Array = NDArray[np.float64]
 
 
-def relative(found: Array, expected: Array, unit: Array | None = None) -> float:
+def relative(values: Array, expected: Array, unit: Array | None = None) -> float:
     """Largest difference, relative to what was expected where that is above one; infinite where one is no number."""
-    apart = np.abs(found - expected) / (np.maximum(1.0, np.abs(expected)) if unit is None else unit)
+    apart = np.abs(values - expected) / (np.maximum(1.0, np.abs(expected)) if unit is None else unit)
     return float(
-        np.max(np.where(np.isnan(found) & np.isnan(expected), 0.0, np.nan_to_num(apart, nan=np.inf)), initial=0.0)
+        np.max(np.where(np.isnan(values) & np.isnan(expected), 0.0, np.nan_to_num(apart, nan=np.inf)), initial=0.0)
     )
 
 

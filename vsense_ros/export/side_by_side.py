@@ -107,21 +107,21 @@ def compare(vehicle: Vehicle, built: Built, recording: Recording, progress: Prog
     exported.start(speed, yaw)
     own = fmu_check.InPython(vehicle, sensors, speed, yaw)
     timed = {PYTHON: _Timed(own), C: _Timed(exported)}
-    found: dict[str, list[Array]] = {name: [] for name in timed}
+    states: dict[str, list[Array]] = {name: [] for name in timed}
     together = drive_together(vehicle, sensors, drive, tuple(timed.values()), fmu_check.as_a_unit_gets)
     for i, _ in enumerate(together):
-        found[PYTHON].append(own.filter.belief().mean[: len(names)].copy())
-        found[C].append(exported.parts["state"].copy())
+        states[PYTHON].append(own.filter.belief().mean[: len(names)].copy())
+        states[C].append(exported.parts["state"].copy())
         if progress is not None and i % 50 == 0:
             progress(0.5 * i / len(drive))
     seconds = {name: one.seconds for name, one in timed.items()}
     if built.unit is not None:
         with closing(fmu_check.Running(built.unit, fmu.Unit(vehicle), 3, speed, yaw)) as running:
-            found[UNIT], seconds[UNIT] = _timed(fmu_check.drive_unit(running, vehicle, drive))
+            states[UNIT], seconds[UNIT] = _timed(fmu_check.drive_unit(running, vehicle, drive))
     steps = timed[C].steps
     return SideBySide(
         names,
-        {name: np.array(values).reshape(-1, len(names)) for name, values in found.items()},
+        {name: np.array(values).reshape(-1, len(names)) for name, values in states.items()},
         {name: total / max(1, steps) for name, total in seconds.items()},
         steps,
     )

@@ -37,8 +37,8 @@ def compare_single(vehicle: Vehicle, recording: Recording) -> list[tuple[str, st
             [one.parts["state"][: FORCE.start].astype(float) for one in pair]
             for _ in drive_together(vehicle, sensors, drive, pair, lambda sensor, value: value)
         ]
-    double, found = np.array(states).transpose(1, 0, 2)
+    double, single = np.array(states).transpose(1, 0, 2)
     return [
-        (name, unit, float(np.abs(found[:, i] - double[:, i]).max()), float(np.abs(double[:, i]).max()))
+        (name, unit, float(np.abs(single[:, i] - double[:, i]).max()), float(np.abs(double[:, i]).max()))
         for i, name, unit in _SHOWN
     ]

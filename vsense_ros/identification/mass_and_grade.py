@@ -190,24 +190,24 @@ class MassAndGrade:
         """What is published: `mass` [kg], if it is determined, and `grade` [rad] as position, their standard deviations
         as velocity."""
         mass = self.mass()
-        found = {"grade": self.grade()} if mass is None else {"mass": mass, "grade": self.grade()}
+        estimates = {"grade": self.grade()} if mass is None else {"mass": mass, "grade": self.grade()}
         values: dict[str, Array] = {
-            "position": np.array([value for value, _ in found.values()]),
-            "velocity": np.array([deviation for _, deviation in found.values()]),
+            "position": np.array([value for value, _ in estimates.values()]),
+            "velocity": np.array([deviation for _, deviation in estimates.values()]),
             "effort": np.zeros(0),
         }
-        return Sample(TOPIC, "sensor_msgs/msg/JointState", self.stamp, values, names=tuple(found))
+        return Sample(TOPIC, "sensor_msgs/msg/JointState", self.stamp, values, names=tuple(estimates))
 
 
 def mass_in(recording: Recording, vehicle: Vehicle) -> MassAndGrade | None:
     """Mass after a recording; None if it has not the sensors for it, torques among them."""
     try:
-        found = MassAndGrade(vehicle)
+        estimator = MassAndGrade(vehicle)
     except InputError:
         return None
-    torques = found.averages.sensors.get(WheelTorques)
-    if torques is None or not all(one.topic in recording for one in (torques, *found.averages.needed)):
+    torques = estimator.averages.sensors.get(WheelTorques)
+    if torques is None or not all(one.topic in recording for one in (torques, *estimator.averages.needed)):
         return None
-    for sample in recording.samples(tuple(topic for topic in found.topics if topic in recording)):
-        found.add(sample)
-    return found
+    for sample in recording.samples(tuple(topic for topic in estimator.topics if topic in recording)):
+        estimator.add(sample)
+    return estimator

@@ -85,14 +85,14 @@ class _Rolling(StateSpace):
 def _hubs(x: Named, z: Named, u: Named, p: Named) -> ca.SX:
     """What the wheels turn by times their radii of the vehicle file, (4,) [m/s]."""
     rate = u.yaw_rate - x.gyro_bias
-    found = []
+    radii = []
     for i, wheel in enumerate(WHEELS):
         axle, left = ("front", "rear")[i // 2], 1 - 2 * (i % 2)
         along = x.speed - left * rate * p[f"{axle}_track"] / 2
         hub = ca.sqrt(along**2 + (rate * p.wheelbase) ** 2) if axle == "front" else along
         slip = x[f"slip_{axle}"] * u.force + x[f"rest_{axle}"]
-        found.append(hub * (1 + slip) / (1 + x[f"radius_error_{wheel}"]))
-    return ca.vertcat(*found)
+        radii.append(hub * (1 + slip) / (1 + x[f"radius_error_{wheel}"]))
+    return ca.vertcat(*radii)
 
 
 def _ground(x: Named, z: Named, u: Named, p: Named) -> ca.SX:

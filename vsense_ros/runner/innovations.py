@@ -32,8 +32,8 @@ def innovations(recording: Recording, vehicle: Vehicle) -> dict[str, Innovations
     given all that was measured before it; what the observer goes back for and does again does not count again. Raises
     `InputError` if the observer never starts.
     """
-    found, _ = _watched(recording, vehicle, None)
-    return found
+    by_sensor, _ = _watched(recording, vehicle, None)
+    return by_sensor
 
 
 def innovations_and_output(

@@ -107,10 +107,6 @@ class Vote:
             for out in axes.out.values():
                 out.agreed_from = 0
 
-    def believe_all(self) -> None:
-        """Judge no axis from now on: each reading counts as far as its gate lets it."""
-        self.axes.clear()
-
     @property
     def out(self) -> Iterator[tuple[Axes, int, Out]]:
         """All axes that are not believed."""

@@ -105,12 +105,12 @@ def _start(log: libxrk.LogFile, notes: list[str]) -> datetime | None:
     """When the log begins by the logger's own clock."""
     text = f"{log.metadata.get('Log Date')} {log.metadata.get('Log Time')}"
     try:
-        found = datetime.strptime(text, "%d/%m/%Y %H:%M:%S").replace(tzinfo=UTC)
+        start = datetime.strptime(text, "%d/%m/%Y %H:%M:%S").replace(tzinfo=UTC)
     except ValueError:
         notes.append(f"no date in it ({text!r}); its times count from 1970 (key start of time)")
         return None
     notes.append(f"begins at {text} (day, month, year) by the logger's clock, which has no zone; taken for UTC")
-    return found
+    return start
 
 
 def _usual(path: Path, log: libxrk.LogFile) -> dict[str, Any]:

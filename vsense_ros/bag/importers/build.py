@@ -43,14 +43,14 @@ def nanoseconds(seconds: Array, base: int = 0) -> Stamps:
     Whole seconds are converted apart, because a float64 of the size of Unix time resolves 0.2 µs only.
     """
     part = np.floor(seconds)
-    found = part.astype(np.int64)
-    found *= 1_000_000_000
+    stamps = part.astype(np.int64)
+    stamps *= 1_000_000_000
     np.subtract(seconds, part, out=part)
     part *= 1e9
     np.rint(part, out=part)
-    found += part.astype(np.int64)
-    found += base
-    return found
+    stamps += part.astype(np.int64)
+    stamps += base
+    return stamps
 
 
 def same(rows: int, width: int, first: float = 0.0) -> Array:
@@ -145,12 +145,12 @@ def joints(topic: str, stamp: Stamps, field: str, values: Mapping[str, Array]) -
 
 def course_velocity(speed: Array, course: Array, up: Array | None = None) -> Array:
     """ENU velocity (n, 3) [m/s] from speed over ground [m/s] and course [rad, clockwise from north]."""
-    found = np.empty((len(speed), 3))
-    np.sin(course, out=found[:, 0])
-    np.cos(course, out=found[:, 1])
-    found[:, :2] *= np.asarray(speed)[:, None]
-    found[:, 2] = np.nan if up is None else up
-    return found
+    velocity = np.empty((len(speed), 3))
+    np.sin(course, out=velocity[:, 0])
+    np.cos(course, out=velocity[:, 1])
+    velocity[:, :2] *= np.asarray(speed)[:, None]
+    velocity[:, 2] = np.nan if up is None else up
+    return velocity
 
 
 def enu_from_geodetic(latitude: Array, longitude: Array, altitude: Array, origin: tuple[float, float, float]) -> Array:

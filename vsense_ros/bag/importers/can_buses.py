@@ -61,15 +61,15 @@ def _shared_out(mapping: CanMapping, databases: Sequence[CanDatabase], paths: Se
                 "each database a mapping of its own"
             )
         parts[holding[0]].append(index)
-    found = []
+    mappings = []
     for path, part in zip(paths, parts, strict=True):
         if not part:
             raise InputError(f"mapping {mapping.name}: none of its messages is in {path.name}")
         outputs = tuple(mapping.outputs[index] for index in part)
         used = {output.message for output in outputs}
         checks = {name: check for name, check in mapping.messages.items() if name in used}
-        found.append(mapping.model_copy(update={"outputs": outputs, "messages": checks}))
-    return found
+        mappings.append(mapping.model_copy(update={"outputs": outputs, "messages": checks}))
+    return mappings
 
 
 def _names(read: CanDatabase) -> set[str]:

@@ -132,7 +132,7 @@ def decoders_of(
 ) -> list[CanDecoder]:
     """The decoder of each bus; a mapping beside the log is taken where none is given. Raises `InputError` where the
     database or the mapping is missing."""
-    beside = [found for ending in (".yaml", ".yml") if (found := path.with_suffix(ending)).exists()]
+    beside = [own_mapping for ending in (".yaml", ".yml") if (own_mapping := path.with_suffix(ending)).exists()]
     mapping = mapping if mapping is not None else next(iter(beside), None)
     if dbc is None or mapping is None:
         missing = " and ".join(
@@ -230,8 +230,8 @@ def _channel(topic: str, parts: list[_Part]) -> Channel:
     received = received[order]
 
     def column(name: str, absent: float = np.nan) -> Array:
-        found = [part[3].get(name, np.full(len(part[1]), absent)) for part in parts]
-        return np.concatenate(found)[order]
+        values = [part[3].get(name, np.full(len(part[1]), absent)) for part in parts]
+        return np.concatenate(values)[order]
 
     output = parts[0][0]
     if isinstance(output, JointStateOutput):
@@ -279,12 +279,12 @@ def _covariance(vectors: Array, variances: list[float]) -> Array:
     """Covariances (n, 9) of vectors (n, 3) with these variances [SI²]; axes that are NaN are not measured, and a vector
     of which none is measured is absent, and becomes zero."""
     missing = np.isnan(vectors)
-    found = np.broadcast_to(np.diag(variances).ravel(), (len(vectors), 9))
+    covariances = np.broadcast_to(np.diag(variances).ravel(), (len(vectors), 9))
     if not (missing & (np.array(variances) != UNMEASURED_VARIANCE)).any():
-        return found
-    found = found.copy()
-    found[:, [0, 4, 8]] = np.where(missing, UNMEASURED_VARIANCE, found[:, [0, 4, 8]])
+        return covariances
+    covariances = covariances.copy()
+    covariances[:, [0, 4, 8]] = np.where(missing, UNMEASURED_VARIANCE, covariances[:, [0, 4, 8]])
     absent = missing.all(axis=1)
-    found[absent] = ABSENT
+    covariances[absent] = ABSENT
     vectors[absent] = 0.0
-    return found
+    return covariances

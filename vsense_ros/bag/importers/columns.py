@@ -105,8 +105,8 @@ class _Maker:
         def value(field: str, signal: Signal | None) -> Array:
             if signal is None:
                 return np.broadcast_to(np.nan, len(time))
-            found = [self._brought(raw[ref], keep, time, field in _WRAPPING) for ref in signal.refs]
-            own = found.pop(0) if len(found) == 1 else np.mean(found, axis=0)
+            columns = [self._brought(raw[ref], keep, time, field in _WRAPPING) for ref in signal.refs]
+            own = columns.pop(0) if len(columns) == 1 else np.mean(columns, axis=0)
             key = f"{topic}.{field}"
             unit = unit_of(key, signal, next((raw[ref].unit for ref in signal.refs if raw[ref].unit), ""))
             factor = factor_to_si("mapping", key, signal, unit, QUANTITIES[topic][field])
@@ -132,9 +132,9 @@ class _Maker:
             return keep
         fresh = first_of_each(np.column_stack([column.values[rows] for column in raw.values()]), every)
         self._notes.append(f"{topic}: each value stands in {every} rows; only the first of them is a measurement")
-        found = np.zeros(len(keep), bool)
-        found[rows[fresh]] = True
-        return found
+        updates = np.zeros(len(keep), bool)
+        updates[rows[fresh]] = True
+        return updates
 
     def _brought(self, column: Column, keep: np.ndarray, time: Array, wraps: bool) -> Array:
         """Values of a column at the times of a topic."""
@@ -182,10 +182,10 @@ class _Fields:
             raise InputError(f"mapping: {self._topic}.{field}: expected three values: x, y, z")
         if not any(signal is not None for signal in given):
             return np.broadcast_to(np.nan, (self._rows, len(given)))
-        found = np.empty((self._rows, len(given)))
+        vectors = np.empty((self._rows, len(given)))
         for i, signal in enumerate(given):
-            found[:, i] = np.nan if signal is None else self._value(field, signal)
-        return found
+            vectors[:, i] = np.nan if signal is None else self._value(field, signal)
+        return vectors
 
     def scalar(self, field: str) -> Array:
         given = self._fields.get(field)

@@ -63,8 +63,8 @@ class Dialect:
 
     def cells(self, index: int) -> list[str]:
         """The cells of a column that have a value."""
-        found = (row[index].strip() for row in self.rows if index < len(row))
-        return [cell for cell in found if cell.lower() not in _ABSENT]
+        column = (row[index].strip() for row in self.rows if index < len(row))
+        return [cell for cell in column if cell.lower() not in _ABSENT]
 
     def is_number(self, cell: str) -> bool:
         """True for a number with the decimal sign of the table."""
@@ -83,9 +83,9 @@ def dialect_of(path: Path) -> Dialect:
     lines = _lines(path)
     best: tuple[int, Dialect] | None = None
     for delimiter in ",;\t|":
-        found = _with(delimiter, lines)
-        if found is not None and (best is None or found[0] > best[0]):
-            best = found
+        counted = _with(delimiter, lines)
+        if counted is not None and (best is None or counted[0] > best[0]):
+            best = counted
     if best is None:
         raise InputError(
             f"{path}: no header above rows of numbers in its first {min(len(lines), SETTINGS.most_above)} lines; "
@@ -121,16 +121,16 @@ def _with(delimiter: str, lines: Sequence[str]) -> tuple[int, Dialect] | None:
     """
     best: tuple[int, Dialect] | None = None
     for number in range(min(len(lines), SETTINGS.most_above)):
-        found = _below(delimiter, lines, number)
-        if found is not None and (best is None or _rank(found) > _rank(best)):
-            best = found
+        dialect = _below(delimiter, lines, number)
+        if dialect is not None and (best is None or _rank(dialect) > _rank(best)):
+            best = dialect
     return best
 
 
-def _rank(found: tuple[int, Dialect]) -> tuple[bool, int]:
+def _rank(counted: tuple[int, Dialect]) -> tuple[bool, int]:
     """What makes one reading of a table better than another: a header with as many names as the rows have cells, then,
     where the header is too short, more values below it."""
-    count, table = found
+    count, table = counted
     widths = [max((i + 1 for i, cell in enumerate(row) if cell), default=0) for row in table.rows]
     wide = len(table.header) >= max(set(widths), key=widths.count)
     return wide, 0 if wide else count
@@ -256,7 +256,7 @@ def rows_by_name(table: Dialect) -> dict[str, str] | None:
             continue
         values = [i for i, name in enumerate(table.header) if re.fullmatch(r"(?i)(value|val|wert)s?", name.strip())]
         if values and len(set(names)) <= SETTINGS.names:
-            found = {"name": table.header[index], "value": table.header[values[0]]}
+            columns = {"name": table.header[index], "value": table.header[values[0]]}
             unit = next((name for name in table.header if re.fullmatch(r"(?i)units?", name.strip())), None)
-            return found | ({"unit": unit} if unit else {})
+            return columns | ({"unit": unit} if unit else {})
     return None

@@ -36,7 +36,7 @@ def matches(path: Path) -> bool:
         head = file.read(_HEAD)
     if _SENTENCE.search(head[:_NEAR]):
         return True
-    starts = [found.start() for found in re.finditer(re.escape(_UBX), head)]
+    starts = [match.start() for match in re.finditer(re.escape(_UBX), head)]
     return any((frame_end(head, start) or start) > start for start in starts)
 
 
@@ -67,7 +67,7 @@ def read(path: Path) -> Recording:
     if not samples:
         reasons = "; ".join(d.message for d in health if d.level > 0)
         raise InputError(f"{path}: no fix and no velocity in {counts['frames']} frames: {reasons}")
-    channels = {topic: _channel(topic, found) for topic, found in samples.items()}
+    channels = {topic: _channel(topic, of_topic) for topic, of_topic in samples.items()}
     return Recording(channels, path.stem, tuple(notes), 0, {"source": NAME})
 
 
@@ -76,9 +76,9 @@ def _sentences(path: Path) -> Iterator[tuple[int, bytes]]:
     at, day = 0, 0
     with path.open("rb") as file:
         while line := file.readline(_BLOCK):
-            found = _TIMED.search(line)
-            if found is not None:
-                hours, minutes, seconds = (float(part) for part in found.groups())
+            time = _TIMED.search(line)
+            if time is not None:
+                hours, minutes, seconds = (float(part) for part in time.groups())
                 now = day + round(((hours * 60 + minutes) * 60 + seconds) * 1e9)
                 if now < at - _DAY // 2:
                     day += _DAY

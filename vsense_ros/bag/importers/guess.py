@@ -123,17 +123,17 @@ class _Source:
 def _columns(path: Path) -> _Source:
     """The columns of a table or a measurement file, and how a mapping reads them."""
     if mdf4.matches(path):
-        found, stated = mdf4.channels(path)
-        return _Source({}, found, _headings(found, stated))
+        columns, stated = mdf4.channels(path)
+        return _Source({}, columns, _headings(columns, stated))
     if aim_xrk.matches(path):
-        found, stated = aim_xrk.channels(path)
-        return _Source({}, found, _headings(found, stated))
+        columns, stated = aim_xrk.channels(path)
+        return _Source({}, columns, _headings(columns, stated))
     if mat.matches(path):
-        found = mat.variables(path)
-        time = next((name for name in found if is_time(name)), None)
+        columns = mat.variables(path)
+        time = next((name for name in columns if is_time(name)), None)
         if time is None:
-            raise InputError(f"{path}: no variable is named like a time; found: {', '.join(found)[:600]}")
-        same = {name: values for name, values in found.items() if len(values) == len(found[time]) and name != time}
+            raise InputError(f"{path}: no variable is named like a time; found: {', '.join(columns)[:600]}")
+        same = {name: values for name, values in columns.items() if len(values) == len(columns[time]) and name != time}
         return _Source({"time": {"column": time, "unit": "s"}}, same, _headings(same, {}), (_NO_DATE,))
     if racelogic_vbo.matches(path):
         others, stated = racelogic_vbo.other_columns(path)
@@ -161,16 +161,16 @@ def _of_text(path: Path) -> _Source:
         units_of = {name: column.unit for name, column in long.signals.items()}
         columns = {name: long.values(name) for name in long.signals}
         return _Source(content, columns, _headings(columns, units_of), remarks)
-    found = {}
+    values_by_name = {}
     wanted = mapping_file.load({**content, "topics": {}}, path)
     for index, name in enumerate(names):
         if name != time and table.numbers(index) is not None:
             ref: str | int = int(name) if name.isdigit() else name
-            found[name] = text_table.read_table(path, wanted, [ref]).column(mapping_file.Ref(ref)).values
-    if not found:
+            values_by_name[name] = text_table.read_table(path, wanted, [ref]).column(mapping_file.Ref(ref)).values
+    if not values_by_name:
         raise InputError(f"{path}: no column of numbers in it; its columns are {', '.join(header)[:600]}")
-    own = {name: heading(header[i], stated[i]) for i, name in enumerate(names) if name in found}
-    return _Source(content, found, own, remarks)
+    own = {name: heading(header[i], stated[i]) for i, name in enumerate(names) if name in values_by_name}
+    return _Source(content, values_by_name, own, remarks)
 
 
 def _time_of(
@@ -178,16 +178,18 @@ def _time_of(
 ) -> tuple[str, dict[str, Any], list[str]]:
     """The column of time, what a mapping says of it, and remarks: of several that are named so the one with the finest
     steps, and of those one with a date."""
-    found = []
+    candidates = []
     for index, name in enumerate(names[: len(table.header)]):
         unit = heading(table.header[index], stated[index]).unit
         keys = time_keys(table, index, unit)
         named = is_time(table.header[index])
         if keys is not None and (index == 0 or named):
-            found.append((named, len(set(table.cells(index))), _has_date(table, index, keys), -index, name, keys, unit))
-    if not found:
+            candidates.append(
+                (named, len(set(table.cells(index))), _has_date(table, index, keys), -index, name, keys, unit)
+            )
+    if not candidates:
         raise InputError(f"{path}: no column of times that go on; its columns are {', '.join(table.header)[:600]}")
-    _, _, dated, _, name, keys, unit = max(found, key=lambda one: one[:4])
+    _, _, dated, _, name, keys, unit = max(candidates, key=lambda one: one[:4])
     remarks = [] if dated else [_NO_DATE]
     if keys["unit"] in ("s", "ms", "us", "100us") and not unit:
         remarks.append(f"{name}: no unit is stated; {keys['unit']} by its name, its size and its steps")
@@ -301,9 +303,9 @@ def _turn_signs(path: Path, content: dict[str, Any], remarks: list[str]) -> None
     from vsense_ros.bag.importers import import_recording
 
     for _ in range(_MOST_TURNS):
-        found = findings(import_recording(path, mapping=content))
-        turned = _turn_axes(content, found, remarks)
-        for finding in found:
+        reported = findings(import_recording(path, mapping=content))
+        turned = _turn_axes(content, reported, remarks)
+        for finding in reported:
             fields = content["topics"].get(finding.topic)
             if finding.kind is not Kind.SIGN or not finding.signal or isinstance(finding.mend, Turn) or not fields:
                 continue
@@ -314,14 +316,14 @@ def _turn_signs(path: Path, content: dict[str, Any], remarks: list[str]) -> None
             remarks.append(f"{signal['column']}: reversed, as {sentence(finding)}")
             turned = True
         if not turned:
-            remarks += [f"look at {f.topic}: {sentence(f)}" for f in found if f.kind is not Kind.SIGN]
+            remarks += [f"look at {f.topic}: {sentence(f)}" for f in reported if f.kind is not Kind.SIGN]
             return
 
 
-def _turn_axes(content: dict[str, Any], found: Sequence[Finding], remarks: list[str]) -> bool:
+def _turn_axes(content: dict[str, Any], findings: Sequence[Finding], remarks: list[str]) -> bool:
     """Exchange and reverse the axes of vectors as findings say; True if there were any."""
     turned = False
-    for finding in found:
+    for finding in findings:
         fields = content["topics"].get(finding.topic, {})
         if not isinstance(finding.mend, Turn) or finding.topic != "imu/data":
             continue

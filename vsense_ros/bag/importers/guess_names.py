@@ -34,7 +34,7 @@ _UNIT_WORDS = {
 
 def heading(name: str, stated: str = "") -> Heading:
     """The words of a column's name, and its unit: the one that is stated, or that its last word is."""
-    bare = _BRACKETS.sub(lambda found: f" {found[1]} " if found[1].strip().lower() in ("x", "y", "z") else " ", name)
+    bare = _BRACKETS.sub(lambda match: f" {match[1]} " if match[1].strip().lower() in ("x", "y", "z") else " ", name)
     divided = re.sub(r"(?<=[a-zäöüß])(?=[A-ZÄÖÜ])|(?<=[A-Z])(?=[A-Z][a-z])", " ", bare)
     words = re.sub(r"[^a-zäöüßéè0-9]+", " ", divided.lower()).split()
     while len(words) > 1 and words[-1].isdigit() and len(words[-1]) < 3:
@@ -126,8 +126,8 @@ _TIME = re.compile(
 
 def is_time(name: str) -> bool:
     """True if a column is called like one of times."""
-    found = heading(name).words
-    return bool(_TIME.fullmatch(found)) and not re.search(r"\b(?:lap|predicted|best|fragment|sector)\b", found)
+    words = heading(name).words
+    return bool(_TIME.fullmatch(words)) and not re.search(r"\b(?:lap|predicted|best|fragment|sector)\b", words)
 
 
 def meanings(headings: Mapping[str, Heading]) -> dict[tuple[str, str], str]:
@@ -135,19 +135,19 @@ def meanings(headings: Mapping[str, Heading]) -> dict[tuple[str, str], str]:
 
     A column whose unit is one of another quantity means nothing.
     """
-    found: dict[tuple[str, str], str] = {}
+    names: dict[tuple[str, str], str] = {}
     for named in NAMES:
         expression = re.compile(rf"(?:.* )?{named.pattern}")
         for name, own in headings.items():
-            if (named.topic, named.field) in found:
+            if (named.topic, named.field) in names:
                 break
-            if name in found.values() or not expression.fullmatch(own.words) or _OTHER_THINGS.search(own.words):
+            if name in names.values() or not expression.fullmatch(own.words) or _OTHER_THINGS.search(own.words):
                 continue
             if units.quantity_of(own.unit) in (None, "number", named.quantity):
-                found[named.topic, named.field] = name
-    for wheel, name in _wheels({name: own for name, own in headings.items() if name not in found.values()}).items():
-        found["vehicle/wheel_speeds", f"velocity.wheel_{wheel}"] = name
-    return found
+                names[named.topic, named.field] = name
+    for wheel, name in _wheels({name: own for name, own in headings.items() if name not in names.values()}).items():
+        names["vehicle/wheel_speeds", f"velocity.wheel_{wheel}"] = name
+    return names
 
 
 def _wheels(headings: Mapping[str, Heading]) -> dict[str, str]:

@@ -24,21 +24,21 @@ _ACROSS = 0.25  # [-] of the speed, up to which a car moves sideways
 
 def topics_of(recording: Recording) -> tuple[dict[str, Any], list[str]]:
     """The topics of a mapping as `topic_mapping` reads it, and what was assumed."""
-    found: dict[str, Any] = {}
+    mapping: dict[str, Any] = {}
     remarks: list[str] = []
     free = {name: channel for name, channel in recording.channels.items() if len(channel) and name not in TOPICS}
     for name, expected in _in_other_frames(recording).items():
-        found[name] = f"/{name}"
+        mapping[name] = f"/{name}"
         remarks.append(f"/{name}: its frame is {recording[name].frame_id!r}, taken for {expected!r}")
 
     def of_kind(kind: str) -> list[Channel]:
         return [channel for channel in free.values() if channel.kind == kind]
 
     def take(topic: str, channel: Channel | None, names: dict[str, str] | None = None, why: str = "") -> None:
-        if channel is None or topic in found or topic in recording:
+        if channel is None or topic in mapping or topic in recording:
             return
         name = f"/{channel.topic}"
-        found[topic] = {"topic": name, "names": names} if names else name
+        mapping[topic] = {"topic": name, "names": names} if names else name
         remarks.append(f"{name}: {why}")
         free.pop(channel.topic, None)
 
@@ -53,7 +53,7 @@ def topics_of(recording: Recording) -> tuple[dict[str, Any], list[str]]:
     poses = of_kind("nav_msgs/msg/Odometry")
     take("reference/odometry", max(poses, key=len, default=None), why="a pose, taken for the reference")
     remarks += [f"/{name}: not used ({channel.kind})" for name, channel in free.items()]
-    return found, remarks
+    return mapping, remarks
 
 
 def _in_other_frames(recording: Recording) -> dict[str, str]:
@@ -112,9 +112,9 @@ def _moved(fix: Channel, channel: Channel) -> Array | None:
     at = (channel.stamp - stamp[0]) * 1e-9
     span = max(2.0, 4 * float(np.median(np.diff(time))))  # [s] over which a position's noise is small
     velocity = [(np.interp(at + span / 2, time, x) - np.interp(at - span / 2, time, x)) / span for x in (east, north)]
-    found = np.column_stack(velocity)
-    found[(at < time[0] + span) | (at > time[-1] - span)] = np.nan
-    return found if np.isfinite(found).any() else None
+    velocities = np.column_stack(velocity)
+    velocities[(at < time[0] + span) | (at > time[-1] - span)] = np.nan
+    return velocities if np.isfinite(velocities).any() else None
 
 
 def _apart(one: Array, other: Array) -> float:

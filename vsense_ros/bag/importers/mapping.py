@@ -397,5 +397,5 @@ _BRACKETS = re.compile(r".*[\[(]([^\])\[(]*)[\])]\s*")
 
 def unit_in_name(name: str) -> str:
     """The unit that a column's name ends with in brackets, as in `speed [km/h]`; empty if there is none."""
-    found = _BRACKETS.fullmatch(name)
-    return found[1] if found and found[1].strip() and units.canonical(found[1]) else ""
+    match = _BRACKETS.fullmatch(name)
+    return match[1] if match and match[1].strip() and units.canonical(match[1]) else ""

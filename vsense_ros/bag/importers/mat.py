@@ -48,11 +48,11 @@ def read(path: Path, *, mapping: str | Path | Mapping[str, Any] | None = None) -
     """The topics that the mapping makes of the variables; by default the mapping is the YAML file of the same name."""
     wanted = mapping_file.load(mapping_file.default_mapping(path, mapping), path)
     name, unit = wanted.time.column, wanted.time.unit
-    found = variables(path)
+    variables_of_file = variables(path)
     if wanted.time.rate is not None:
         name = f"of {wanted.time.rate:g} rows a second"
-        longest = max((len(_variable(path, found, str(ref.name))) for ref in wanted.columns()), default=0)
-        found[name] = np.arange(longest) / (wanted.time.rate * units.to_si(unit))
+        longest = max((len(_variable(path, variables_of_file, str(ref.name))) for ref in wanted.columns()), default=0)
+        variables_of_file[name] = np.arange(longest) / (wanted.time.rate * units.to_si(unit))
     if not isinstance(name, str):
         raise InputError(
             f"{path}: the mapping names no time variable; expected time: {{column: …, unit: s}}, or {{rate: …}} where "
@@ -62,12 +62,12 @@ def read(path: Path, *, mapping: str | Path | Mapping[str, Any] | None = None) -
         raise InputError(
             f"mapping: time: unit {unit!r} is no unit of time; known: {', '.join(units.QUANTITIES['time'])}"
         )
-    time = _variable(path, found, name) * units.to_si(unit)
+    time = _variable(path, variables_of_file, name) * units.to_si(unit)
     if not np.isfinite(time).all() or not len(time):
         raise InputError(f"{path}: {int((~np.isfinite(time)).sum())} of the times in {name!r} are no numbers")
 
     def column(ref: Ref) -> Column:
-        values = _variable(path, found, str(ref.name))
+        values = _variable(path, variables_of_file, str(ref.name))
         if len(values) != len(time):
             raise InputError(f"{path}: {ref.name!r} has {len(values)} values, its time {name!r} has {len(time)}")
         return Column(time, values, unit_in_name(str(ref.name)))
@@ -84,10 +84,12 @@ def variables(path: Path) -> dict[str, Array]:
     return dict(_hdf5(path)) if _HDF5 in (head[:8], head[512:520]) else dict(_version5(path))
 
 
-def _variable(path: Path, found: Mapping[str, Array], name: str) -> Array:
-    if name not in found:
-        raise InputError(f"{path}: no variable {name!r} of numbers; found: {', '.join(sorted(found)[:40]) or 'none'}")
-    return found[name]
+def _variable(path: Path, variables: Mapping[str, Array], name: str) -> Array:
+    if name not in variables:
+        raise InputError(
+            f"{path}: no variable {name!r} of numbers; found: {', '.join(sorted(variables)[:40]) or 'none'}"
+        )
+    return variables[name]
 
 
 def _version5(path: Path) -> Iterator[tuple[str, Array]]:

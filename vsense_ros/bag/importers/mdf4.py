@@ -57,10 +57,10 @@ def channels(path: Path) -> tuple[dict[str, Any], dict[str, str]]:
             if len(places) != 1 or name.lower() in ("t", "time", "timestamp", "timestamps"):
                 continue
             try:
-                found = _column(path, file, Ref(name), times)
+                column = _column(path, file, Ref(name), times)
             except InputError:
                 continue
-            values[name], stated[name] = found.values, found.unit
+            values[name], stated[name] = column.values, column.unit
     return values, stated
 
 

@@ -66,10 +66,10 @@ def _gnss(rows: Array) -> list[Channel]:
     if not len(rows):
         raise InputError("gps.csv: no row has a position")
     stamp = _stamps(rows)
-    found = [build.fix(stamp, np.degrees(rows[:, 3]), np.degrees(rows[:, 4]), rows[:, 5])]
+    channels = [build.fix(stamp, np.degrees(rows[:, 3]), np.degrees(rows[:, 4]), rows[:, 5])]
     if np.isfinite(rows[:, 6:8]).all(axis=1).any():
-        found.append(build.velocity(stamp, build.course_velocity(rows[:, 7], rows[:, 6])))
-    return found
+        channels.append(build.velocity(stamp, build.course_velocity(rows[:, 7], rows[:, 6])))
+    return channels
 
 
 def _truth(rows: Array) -> Channel:

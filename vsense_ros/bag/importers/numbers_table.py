@@ -21,12 +21,12 @@ def numbers(path: Path, width: int, delimiter: str | None = ",") -> Array:
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")  # a short row is left out below, an empty file refused
         try:
-            found = np.genfromtxt(
+            rows = np.genfromtxt(
                 path, np.float64, delimiter=delimiter, usecols=range(width), invalid_raise=False, encoding="utf-8"
             )
         except (ValueError, UnicodeDecodeError) as error:
             raise InputError(f"{path}: not a table of numbers: {error}") from None
-    found = np.atleast_2d(found)
-    if found.shape[1] != width or not np.isfinite(found[:, 0]).any():
+    rows = np.atleast_2d(rows)
+    if rows.shape[1] != width or not np.isfinite(rows[:, 0]).any():
         raise InputError(f"{path}: expected rows of {width} numbers, found none")
-    return found[np.isfinite(found[:, 0])]
+    return rows[np.isfinite(rows[:, 0])]

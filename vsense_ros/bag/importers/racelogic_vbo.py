@@ -109,8 +109,8 @@ def _whole_lines(path: Path, rows: bytes, notes: list[str]) -> bytes:
 
 
 def _section(head: str, name: str) -> str:
-    found = re.search(rf"\[{name}\]\s*\n(.*?)(?=\n\s*\[|\Z)", head, re.IGNORECASE | re.DOTALL)
-    return found[1] if found else ""
+    match = re.search(rf"\[{name}\]\s*\n(.*?)(?=\n\s*\[|\Z)", head, re.IGNORECASE | re.DOTALL)
+    return match[1] if match else ""
 
 
 def _table(path: Path, rows: bytes, names: list[str], notes: list[str]) -> dict[str, Array]:
@@ -142,14 +142,14 @@ def _table(path: Path, rows: bytes, names: list[str], notes: list[str]) -> dict[
         )
     except (pa.ArrowInvalid, ValueError) as error:
         raise InputError(f"{path}: the section [data] holds something else than numbers: {error}") from None
-    found: dict[str, Array] = {}
+    columns: dict[str, Array] = {}
     for place, name in zip(places, names, strict=True):
-        found.setdefault(name, table.column(place).to_numpy())
-    if not len(found["time"]):
+        columns.setdefault(name, table.column(place).to_numpy())
+    if not len(columns["time"]):
         raise InputError(f"{path}: no rows in the section [data]")
     if odd:
         notes.append(f"{path.name}: {odd} rows with another number of values than {len(names)} left out")
-    return found
+    return columns
 
 
 def _times(path: Path, head: str, packed: Array, notes: list[str]) -> tuple[Array, int]:

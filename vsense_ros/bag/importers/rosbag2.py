@@ -112,11 +112,11 @@ def _pieces(path: Path, size: int) -> Iterator[Recording]:
     notes: list[str] = []
     damage: list[str] = []
     gathered = _Gathered()
-    found = False
+    any_messages = False
     for piece in _rest(path, size, gathered, notes, damage):
-        found |= bool(piece.channels)
+        any_messages |= bool(piece.channels)
         yield piece
-    if not found and not gathered.topics and not gathered.skipped:
+    if not any_messages and not gathered.topics and not gathered.skipped:
         raise _no_message(path, damage)
     yield gathered.recording(path, notes, damage)
 
@@ -147,13 +147,13 @@ def _no_message(path: Path, damage: list[str]) -> InputError:
 
 def _parts(path: Path) -> list[Path]:
     """The files of a bag in the order in which they were written."""
-    found = [f for f in path.iterdir() if f.is_file() and f.name.endswith(_ENDINGS)]
+    files = [f for f in path.iterdir() if f.is_file() and f.name.endswith(_ENDINGS)]
 
     def number(file: Path) -> tuple[int, str]:
         digits = file.name.partition(".")[0].rpartition("_")[2]
         return (int(digits) if digits.isdigit() and len(digits) < 10 else 0, file.name)
 
-    return sorted(found, key=number)
+    return sorted(files, key=number)
 
 
 def _mode(path: Path, notes: list[str]) -> str:
@@ -174,18 +174,18 @@ def _mode(path: Path, notes: list[str]) -> str:
 def _unpacked(file: Path) -> bytes:
     """What a compressed file holds, up to a bound; of one that is cut off, what comes before the cut."""
     bound = max(LIMITS.inflation * file.stat().st_size, LIMITS.ordinary)
-    found = bytearray()
+    content = bytearray()
     with file.open("rb") as packed:
         reader = zstandard.ZstdDecompressor().stream_reader(packed)
         try:
             while block := reader.read(1 << 20):
-                found += block
-                if len(found) > bound:
+                content += block
+                if len(content) > bound:
                     raise InputError(f"{file}: unpacks to more than {bound} bytes, which no bag of its size does")
         except zstandard.ZstdError as error:
-            if not found:
+            if not content:
                 raise InputError(f"{file}: cannot be unpacked: {error}") from None
-    return bytes(found)
+    return bytes(content)
 
 
 def _compressed_mcap(part: Path) -> Recording:

@@ -128,9 +128,9 @@ def _stamps(times: list[Time]) -> Stamps:
 
 def _numbers(blocks: list[Any], names: tuple[str, ...]) -> Array:
     """Attributes (n, m) of blocks, NaN where a block or its value is missing."""
-    found = np.array([[getattr(block, name, np.nan) for name in names] for block in blocks], float)
-    found = found.reshape(len(blocks), len(names))
-    return np.where(found == _NO_VALUE, np.nan, found)
+    values = np.array([[getattr(block, name, np.nan) for name in names] for block in blocks], float)
+    values = values.reshape(len(blocks), len(names))
+    return np.where(values == _NO_VALUE, np.nan, values)
 
 
 def _solutions(values: Mapping[str, Mapping[Time, Any]]) -> list[Channel]:
@@ -156,9 +156,9 @@ def _covariances(
     blocks: Mapping[Time, Any], times: list[Time], elements: tuple[str, ...]
 ) -> tuple[Array, NDArray[np.bool_]]:
     """Covariances (n, 9) of the solutions at some times, zeros where none is stated, and where one is (n,)."""
-    found = _numbers([blocks.get(time) for time in times], tuple(f"Cov_{element}" for element in elements))
-    stated = np.asarray(np.isfinite(found).all(axis=1))
-    return np.where(stated[:, None], found, 0.0), stated
+    elements_of_times = _numbers([blocks.get(time) for time in times], tuple(f"Cov_{element}" for element in elements))
+    stated = np.asarray(np.isfinite(elements_of_times).all(axis=1))
+    return np.where(stated[:, None], elements_of_times, 0.0), stated
 
 
 def _attitudes(values: Mapping[str, Mapping[Time, Any]]) -> list[Channel]:

@@ -85,9 +85,9 @@ def _file(path: Path) -> Path:
 
 def _named(path: Path, header: list[str], beginning: str, end: str) -> str:
     """The one column whose name begins and ends so."""
-    found = [name for name in header if name.startswith(beginning) and name.endswith(end) and " Cov " not in name]
-    if len(found) != 1:
+    columns = [name for name in header if name.startswith(beginning) and name.endswith(end) and " Cov " not in name]
+    if len(columns) != 1:
         raise InputError(
-            f"{path}: expected one column {beginning} … {end}, found {len(found)}: {', '.join(header)[:400]}"
+            f"{path}: expected one column {beginning} … {end}, found {len(columns)}: {', '.join(header)[:400]}"
         )
-    return found[0]
+    return columns[0]

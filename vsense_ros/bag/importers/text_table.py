@@ -63,17 +63,17 @@ def index_of(path: Path, header: Sequence[str], name: str | int, delimiter: str 
         if not 1 <= name <= len(header):
             raise InputError(f"{path}: no column {name}: it has {len(header)}")
         return name - 1
-    found = [index for index, heading in enumerate(header) if heading == name]
-    if not found:
+    indices = [index for index, heading in enumerate(header) if heading == name]
+    if not indices:
         near = f" (delimiter {delimiter!r})" if delimiter else ""
         raise InputError(f"{path}: no column {name!r}; found: {', '.join(header)}{near}")
-    if len(found) > 1:
-        which = ", ".join(str(index + 1) for index in found)
+    if len(indices) > 1:
+        which = ", ".join(str(index + 1) for index in indices)
         raise InputError(
-            f"{path}: column {name!r} stands {len(found)} times, as columns {which}; say which by its number, "
-            f"column: {found[0] + 1}"
+            f"{path}: column {name!r} stands {len(indices)} times, as columns {which}; say which by its number, "
+            f"column: {indices[0] + 1}"
         )
-    return found[0]
+    return indices[0]
 
 
 def read_header(path: Path, wanted: ColumnMapping) -> tuple[list[str], list[str]]:

@@ -76,8 +76,8 @@ def mapped(recording: Recording, source: str | Path | Mapping[str, Any] | None) 
 
     Raises `InputError` for a topic that the bag does not have, or whose messages do not say what is wanted.
     """
-    (found,) = mapped_pieces([recording], source)
-    return found
+    (piece,) = mapped_pieces([recording], source)
+    return piece
 
 
 def mapped_pieces(pieces: Iterable[Recording], source: str | Path | Mapping[str, Any] | None) -> Iterator[Recording]:
