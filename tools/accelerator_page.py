@@ -28,7 +28,7 @@ def table(head: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
 
 
 def his_gains() -> list[list[str]]:
-    """Of each of his observers with a kernel, how many times as fast it was as without."""
+    """How many times as fast each of his observers was with a kernel as without."""
     return [
         [f"{car} car, {observer}, {step} ms, {tolerance:g}, {kernels}",
          f"{HIS[car, observer, 'none', step, tolerance][0] / seconds:.2f}"]
@@ -37,7 +37,7 @@ def his_gains() -> list[list[str]]:
 
 
 def plain(rows: Sequence[Row], row: Row) -> Row:
-    """The same observer without kernels."""
+    """The observer without kernels."""
     same = ("car", "observer", "step", "tolerance")
     return next(r for r in rows if r["kernels"] == "none" and all(r[k] == row[k] for k in same))
 
@@ -57,7 +57,7 @@ def chosen(content: dict[str, Any], device: Device, full: bool) -> tuple[Partiti
 
 
 def requests(device: Device, choices: Sequence[Choice]) -> Iterator[list[str]]:
-    """Of each kernel what a request costs, and what would be gained if computing took no time."""
+    """What a request costs with each kernel, and what would be gained if computing took no time."""
     for choice in choices:
         kernel, link = choice.use.kernel, device.link
         words = link.cycles(kernel) / device.clock_mhz

@@ -40,7 +40,7 @@ def _mass_matrix() -> ca.Function:
 
 
 def mass_matrices(count: int, seed: int) -> NDArray[np.float64]:
-    """Of the prototype in random positions, (count, 14, 14)."""
+    """Mass matrices of the prototype in random positions, (count, 14, 14)."""
     random, vehicle = np.random.default_rng(seed), prototype()
     found = []
     for _ in range(count):

@@ -106,7 +106,7 @@ def _twins(out: Path) -> Path:
 @click.option("--to", "target", type=click.Path(path_type=Path), required=True, help="The --out of these cases.")
 @click.pass_obj
 def untold(options: dict, kinds: tuple[str, ...], target: Path) -> None:
-    """The same cases for a tool that does not hear sensors of these KINDS, such as wheel_torques: the vehicle file does
+    """Cases for a tool that does not hear sensors of these KINDS, such as wheel_torques: the vehicle file does
     not have them."""
     _check_seal(options)
     source, target = options["out"], target / options["split"]

@@ -91,7 +91,7 @@ def _extended(table, length, hold=False):
 
 
 def _understeer_gradient(car):
-    """Of the linear single-track car [s²]: what more steering than the wheelbase asks for per v²."""
+    """Understeer gradient of the linear single-track car [s²]: steering beyond that of the wheelbase, per v²."""
     front, rear = 2 * _stiffness(car, 0), 2 * _stiffness(car, 2)
     return car.mass / car.wheelbase * (car.rear_arm / front - car.front_arm / rear)
 

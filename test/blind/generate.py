@@ -59,7 +59,7 @@ def batches(cases: list[Case]) -> Iterator[list[Case]]:
 
 
 def seconds(batch: list[Case]) -> float:
-    """Of simulated time until the longest lane of a batch ends."""
+    """Simulated time until the longest lane of a batch ends [s]."""
     return max(lane.course.duration for case in batch for lane in lanes_of(case))
 
 
@@ -86,7 +86,7 @@ def generate(batch: list[Case], folder: Path, tick: Callable[[float], None] = la
 
 
 def under_control(motion: dict[str, np.ndarray]) -> bool:
-    """Whether the car never spun, stopped or locked a wheel: else no model says anything."""
+    """True if the car never spun, stopped or locked a wheel: else no model says anything."""
     forward, sideways = motion["velocity"][:, 0], motion["velocity"][:, 1]
     return bool(
         np.all(np.isfinite(forward))

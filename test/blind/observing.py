@@ -29,7 +29,7 @@ class Observed:
 
     @property
     def likelier(self) -> bool:
-        """Whether held-out measurements are likelier with the extended file."""
+        """True if held-out measurements are likelier with the extended file."""
         return not self.fault and self.rises > 0
 
 

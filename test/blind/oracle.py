@@ -26,7 +26,7 @@ class Best:
         return self.gain >= DETECTABLE
 
     def detects(self, effect: str) -> bool:
-        """Whether one of several effects adds enough to the others."""
+        """True if one of several effects adds enough to the others."""
         return self.adds.get(effect, 0.0) >= DETECTABLE
 
 

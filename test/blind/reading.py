@@ -50,7 +50,7 @@ def _by_place(effect: EffectEntry, found: dict[str, T]) -> dict[str, T]:
 
 
 def driven(explain: Answer | None) -> float:
-    """Of all recordings, held out or not, what is looked at [s]."""
+    """Duration of what is looked at in all recordings, held out or not [s]."""
     return explain.driven_s if explain else 0.0
 
 
@@ -72,7 +72,7 @@ def explained_seconds(explain: Answer) -> tuple[float, str]:
 
 
 def errors(explain: Answer | None) -> dict[str, tuple[float, float]]:
-    """Of each signal on held-out manoeuvres, before and after."""
+    """Errors of each signal on held-out manoeuvres, before and after."""
     return {
         signal: (found.held_out.before, found.held_out.after)
         for signal, found in (explain.fit.items() if explain else ())

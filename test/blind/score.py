@@ -123,7 +123,7 @@ def parameter_error(result: Result) -> float | None:
 
 
 def said_rightly(result: Result) -> list[tuple[EffectEntry, dict]]:
-    """Of several hidden effects, those that are named, each with its label."""
+    """Those of several hidden effects that are named, each with its label."""
     hidden = {one["id"]: one for one in result.label["hidden"]}
     entries = {entry.id: entry for entry in reading.effects(result.answer.explain)}
     return [(entries[name], hidden[name]) for name in result.accepted if name in hidden]
@@ -142,7 +142,7 @@ def _off(effect: EffectEntry, expected: dict[str, float]) -> float:
 
 
 def places_right(result: Result) -> list[bool]:
-    """Of each rightly named of several effects that has one place, whether its wheel, axle, sensor or axis is right."""
+    """For each rightly named of several effects that has one place: True if wheel, axle, sensor or axis is right."""
     found = []
     for entry, label in said_rightly(result):
         told = reading.parameters(entry)
@@ -184,7 +184,7 @@ def _cpu_per_100_s(results: list[Result]) -> Iterable[float]:
 
 
 def intervals_hold(result: Result) -> list[bool]:
-    """Of the comparable parameters of a rightly named effect, whether each lies in the 90 % interval that is told."""
+    """For each comparable parameter of a rightly named effect: true if it lies in the reported 90 % interval."""
     told = rightly_told(result)
     if told is None:
         return []
@@ -210,7 +210,7 @@ def recovery(result: Result) -> float | None:
 
 
 def located_right(result: Result) -> bool | None:
-    """Whether wheel, axle, sensor or axis of a rightly named effect is the hidden one; None where there is none."""
+    """True if wheel, axle, sensor or axis of a rightly named effect is the hidden one; None where there is none."""
     hidden = result.label["hidden"][0]
     if not hidden["where"] or len(hidden["parameters"]) != 1 or result.ranked[:1] != [hidden["id"]]:
         return None
@@ -263,7 +263,7 @@ def confusion(results: list[Result]) -> dict[str, dict[str, int]]:
 
 
 def shuffled(results: list[Result], seed: int = 0) -> list[Result]:
-    """The same answers with the labels of other cases of the same set: what chance gives."""
+    """Answers with the labels of other cases of the same set: what chance gives."""
     mixed: list[Result] = []
     for name in sorted({r.scored_with for r in results}):
         group = [r for r in results if r.scored_with == name]
@@ -275,7 +275,7 @@ def shuffled(results: list[Result], seed: int = 0) -> list[Result]:
 
 
 def leads(results: list[Result]) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Of every single effect that was fitted: its gain over that of the best other or the smallest that counts, whether
+    """For every single effect that was fitted: its gain over the best other or the smallest that counts, whether
     it is there, and whether the answer has it. Cases with several effects are left out."""
     found, right, told = [], [], []
     for r in results:
@@ -306,7 +306,7 @@ def reliability(results: list[Result]) -> list[dict]:
 
 
 def relative_errors(results: list[Result]) -> np.ndarray:
-    """Of every comparable parameter of a rightly named effect: how far off it is, over its estimate."""
+    """Relative error of every comparable parameter of a rightly named effect, over its estimate."""
     found = []
     for r in results:
         if r.kind == "effect" and r.detectable:

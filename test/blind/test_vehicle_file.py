@@ -30,7 +30,7 @@ COURSES = (
 
 @pytest.fixture(scope="module")
 def drives():
-    """Of the saloon by tyre formula and course, on the plant."""
+    """Drives of the saloon by tyre formula and course, on the plant."""
     lanes = [(formula, course) for formula in FORMULAS for course in COURSES]
     log = mujoco_tree.simulate(
         cars.side_by_side([CARS[1]] * len(lanes)),

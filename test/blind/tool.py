@@ -97,7 +97,7 @@ def concealed(line: list[str], hidden: Path) -> list[str]:
 
 @cache
 def can_conceal() -> bool:
-    """Whether this machine lets its users have mount namespaces."""
+    """True if this machine lets its users have mount namespaces."""
     try:
         return subprocess.run([*UNSHARE, "true"], capture_output=True).returncode == 0
     except FileNotFoundError:

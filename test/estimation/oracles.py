@@ -1,4 +1,4 @@
-"""The same systems written a second time, as matrices and in JAX, and other libraries' filters of them."""
+"""Systems of the tests written a second time, as matrices and in JAX, and other libraries' filters of them."""
 
 from __future__ import annotations
 

@@ -24,7 +24,7 @@ SYSTEMS = {name: CASES[name] for name in ("heading", "velocity", "single track",
 
 
 def within(values: Array, degrees: int) -> bool:
-    """Whether a mean of normalized errors squared lies between the bounds that it leaves once in twenty times."""
+    """True if a mean of normalized errors squared lies between the bounds that it leaves once in twenty times."""
     low, high = chi2.ppf([0.025, 0.975], degrees * len(values)) / len(values)
     return bool(low < values.mean() < high)
 

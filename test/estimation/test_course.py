@@ -39,7 +39,7 @@ START = Gaussian(np.array([0.1, 0.0, 0.1]), np.diag([0.1, 0.1, 0.3]) ** 2)
 
 
 def course() -> Course:
-    """Of a pendulum that SciPy integrates, whose sensors are noisy."""
+    """Course of a pendulum that SciPy integrates, whose sensors are noisy."""
     time = np.arange(COUNT) * STEP
     torque = np.sin(3.0 * time) + 0.5
 

@@ -165,7 +165,7 @@ def rows(found: Recording, chosen: slice) -> Recording:
 
 
 def standing(found: Recording, place: float) -> Recording:
-    """The same with one position throughout; with NaN, with none."""
+    """A recording with one position throughout; with NaN, with none."""
     channels = {
         topic: replace(each, columns={**each.columns, "position": np.full((len(each), 3), place)})
         if topic.endswith("odometry")

@@ -80,7 +80,7 @@ def test_the_sources_do_on_a_recording_what_the_filter_in_python_does(name: str,
 
 
 def repeated(recording: Recording, times: int) -> Recording:
-    """The same drive so many times in a row, at least 10 ms apart."""
+    """A drive so many times in a row, at least 10 ms apart."""
     stamps = [channel.stamp for channel in recording.channels.values() if len(channel)]
     period = max(int(one[-1]) for one in stamps) - min(int(one[0]) for one in stamps) + 10_000_000
     later = np.arange(times) * period

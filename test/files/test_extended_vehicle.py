@@ -86,7 +86,7 @@ def files(bare: Vehicle, extended: Vehicle, tmp_path_factory: pytest.TempPathFac
 
 @pytest.fixture(scope="module")
 def driven(files: dict[str, Path], tmp_path_factory: pytest.TempPathFactory) -> dict[str, Recording]:
-    """The same manoeuvre with both files, and the same noise."""
+    """One manoeuvre with both files and equal noise."""
     folder = tmp_path_factory.mktemp("driven")
     for name, file in files.items():
         vsense("simulate", "coast_down", "--vehicle", file, "--out", folder / name)

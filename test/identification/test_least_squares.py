@@ -33,7 +33,7 @@ NOMINAL = ParameterSet(dict.fromkeys(DEVIATIONS, 0.0))
 
 
 def speed(mass: float, drag: float, rolling: float) -> np.ndarray:
-    """Of a car on a straight road [m/s]: Euler steps of Newton's second law."""
+    """Speed of a car on a straight road [m/s]: Euler steps of Newton's second law."""
     m, v, found = 1500.0 * (1 + mass), 25.0, []
     for force in FORCE:
         v += (TIME[1] - TIME[0]) * ((force - (0.4 + 0.6 * drag) * v**2) / m - 9.81 * (0.01 + rolling))

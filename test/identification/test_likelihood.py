@@ -58,7 +58,7 @@ def recorded(
 
 
 def between(u: np.ndarray, k: int) -> float:
-    """Of an input that changes linearly from sample to sample, in the step after one of them."""
+    """Value of an input that changes linearly from sample to sample, in the step after one of them."""
     return float(u[k : k + 2].mean())
 
 

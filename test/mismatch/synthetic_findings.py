@@ -129,7 +129,7 @@ def located(verdict: str) -> Located:
 
 
 def errors(verdict: str, *, held_out: bool) -> dict[str, SignalErrors]:
-    """Of each signal; those held out are a tenth larger."""
+    """Errors of each signal; those held out are a tenth larger."""
     found = {}
     for name, (unit, null, before, after) in SIGNALS.items():
         before = null if verdict == "no_mismatch" else before

@@ -47,7 +47,7 @@ def test_recordings_that_tell_nothing_give_an_answer_that_says_why(called, tmp_p
 
 @pytest.mark.exam
 def test_an_answer_that_leaves_something_open_says_which_test_would_tell(called, tmp_path):
-    """Whether rolling or a slope holds the car back, a drive in other directions tells."""
+    """A drive in other directions shows whether rolling or a slope holds the car back."""
     rolling_hard = having(prototype(), rolling_resistance={"coefficient": 0.012})
     for name in ("sweep", "slalom"):
         write_bag(tmp_path / name, driven(rolling_hard, name))

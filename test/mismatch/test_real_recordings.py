@@ -144,7 +144,7 @@ def test_on_the_lap_of_the_genesis_that_was_held_out_named_physics_halves_the_la
 
 
 def genesis_lap(name: str) -> dict[str, np.ndarray]:
-    """Of a lap: what acts across the car, from side slip and heading, which the answer was not given, and what the
+    """What acts across the car in a lap, from side slip and heading, which the answer was not given, and what the
     car's own sensors read."""
     entry = datasets.find("genesis_oxts_can")
     if entry is None:

@@ -1,4 +1,4 @@
-"""Of long drives the part that tells most."""
+"""The most informative part of long drives is selected."""
 
 from __future__ import annotations
 

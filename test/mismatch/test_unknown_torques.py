@@ -21,7 +21,7 @@ DELAY = "effects.sensor_delay.wheel_speeds"
 
 
 def untold(front: float, manoeuvre: str = "brake", *, wheels: bool = True) -> Residuals:
-    """Of a car without a word of its torques, of which the front wheels have this share."""
+    """Residuals of a car whose torques are not measured; the front wheels have this share of them."""
     car = prototype()
     vehicle = without(car, "wheel_torques") if wheels else without(car, "wheel_torques", "wheel_speeds")
     return Residuals(Predictor(vehicle, build_dataset([driven_by(car, manoeuvre, front=front)], vehicle)))

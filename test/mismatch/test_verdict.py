@@ -307,7 +307,7 @@ def test_a_part_of_an_explanation_in_doubt_is_no_rival_of_what_all_of_them_share
 
 
 def test_what_the_base_fit_need_no_longer_stand_in_for_counts_as_gained():
-    """The same drives, and a base parameter that was turned by three deviations at a cost of ten each squared, and no
+    """Equal drives, and a base parameter that was turned by three deviations at a cost of ten each squared, and no
     longer is: 90 beside what the change itself gains."""
     change = np.random.default_rng(1).normal(size=200)
     mass = FreeParameter("mass", "-", 0.1, -1.0, 1.0, lambda values, offset: {})
@@ -403,7 +403,7 @@ def test_what_joins_is_compared_on_the_windows_that_the_first_effect_is_judged_b
 
 
 def unfinished(left: float) -> Made:
-    """The same where a signal is still off after the first effect."""
+    """Held-out recordings where a signal is still off after the first effect."""
     return type("Unfinished", (Made,), {"worst": lambda self, residuals=None: left})()
 
 

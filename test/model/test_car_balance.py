@@ -19,7 +19,7 @@ forces = st.lists(st.floats(-5e3, 5e3), min_size=12, max_size=12).map(lambda val
 
 
 def places():
-    """Of the contacts about cog, (4, 3) [m]."""
+    """Positions of the contacts about cog, (4, 3) [m]."""
     front, rear = PHYSICS.front.track / 2, PHYSICS.rear.track / 2
     ahead = [CHASSIS.cog_to_front_axle] * 2 + [-CHASSIS.cog_to_rear_axle] * 2
     return np.column_stack([ahead, [front, -front, rear, -rear], [-CHASSIS.cog_height] * 4])

@@ -35,7 +35,7 @@ def rolling(vehicle: Vehicle, speed: float) -> Stepper:
 
 
 def mass_matrix(vehicle: Vehicle, stepper: Stepper) -> np.ndarray:
-    """Of the derivatives of u, (14, 14)."""
+    """Mass matrix of the derivatives of u, (14, 14)."""
     car = car_of(vehicle)
     force = model_functions(car)["force"]
     none = np.zeros(car.internal_state.numel())

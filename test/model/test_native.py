@@ -75,7 +75,7 @@ def test_corners_side_by_side_have_what_each_has_alone(monkeypatch, same, part):
 
 
 def share_in_vectors(function: ca.Function) -> float:
-    """Of the values that a function computes."""
+    """Share of the values of a function that are computed in vectors."""
     values = values_of(function, {2: ROWS.known["known"]})
     names = [function.name_in(i) for i in range(function.n_in())]
     return len(packed(values, names, row_is_corner).lanes) / sum(map(values.computed, range(len(values.operations))))

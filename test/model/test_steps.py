@@ -37,7 +37,7 @@ def cornering(vehicle) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
 
 
 def sliding(vehicle) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """The same of a car that brakes slowly on wheels that slide at 1.2 m/s, where steps foresee how it goes on."""
+    """Motion of a car that brakes slowly on wheels that slide at 1.2 m/s, where steps foresee how it goes on."""
     q, u, inputs = cornering(vehicle)
     u[0], u[1], u[5] = 3.0, 0.1, 0.05
     u[10:] = (3.0 - 1.2) / 0.334

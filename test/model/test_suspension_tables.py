@@ -168,7 +168,7 @@ class Bodies:
 
     @cached_property
     def potential(self) -> ca.SX:
-        """Of weight, springs and bars [J]."""
+        """Potential energy of weight, springs and bars [J]."""
         q, potential = self.q, G * self.height
         for i, axle in enumerate(self.axles):
             preload = self.loads[i] * self._lift(i) - (axle.hub_mass + axle.wheel_mass) * G

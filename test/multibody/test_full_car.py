@@ -48,7 +48,7 @@ def steps(integrator: Integrator, seconds: float) -> None:
 
 
 def tyres(integrator: Integrator) -> dict[str, np.ndarray]:
-    """Of each of `WHEEL_OUTPUTS` the values of the four wheels."""
+    """Values of the four wheels for each of `WHEEL_OUTPUTS`."""
     return dict(zip(WHEEL_OUTPUTS, integrator.outputs().reshape(4, len(WHEEL_OUTPUTS)).T, strict=True))
 
 

@@ -55,7 +55,7 @@ CHOSEN = ("strapdown", "integrated", "integrated_kf_a model", "triple_kkf veloci
 
 
 def inputs_at(system: NavigationSpace, time: float) -> Array:
-    """Of a car that turns now and then at 15 m/s."""
+    """Inputs of a car that turns now and then at 15 m/s."""
     turn = max(0.0, np.sin(0.8 * time)) * 0.3
     spin = 15.0 / 0.29
     at = {

@@ -97,7 +97,7 @@ double correct_in(const struct model *model, const struct sensed *sensed, double
 
 
 class InC:
-    """The same with car_blocks.c, operation by operation."""
+    """The algebra by car_blocks.c, operation by operation."""
 
     def __init__(self, blocks: RandomBlocks) -> None:
         self.model, self.covariance, self.inverse, self.error = blocks, blocks.covariance, blocks.inverse, blocks.error

@@ -42,7 +42,7 @@ def prototype() -> Vehicle:
 
 @cache
 def afflicted() -> Vehicle:
-    """The same car with effects that its vehicle file lacks, of size zero."""
+    """A car with effects that its vehicle file lacks, of size zero."""
     vehicle = prototype()
     physics = vehicle.physics.model_copy(update={"effects": Effects(aero_drag=AeroDrag(), crosswind=Crosswind())})
     return vehicle.model_copy(update={"physics": physics})

@@ -15,7 +15,7 @@ from vsense_ros.runner import Runner
 
 @pytest.fixture
 def filters(vehicle: Vehicle) -> tuple[ErrorEkf, ErrorEkf]:
-    """The same filter twice, the second without its compiled step."""
+    """Two equal filters, the second without its compiled step."""
     if codegen.compiler() is None:
         pytest.skip("no C compiler here")
     made = [Runner(vehicle).filter for _ in range(2)]

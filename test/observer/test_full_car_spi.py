@@ -51,7 +51,7 @@ def cornering(spi: FullCarSpi) -> FullCarSpi:
 
 
 def accelerations(spi: FullCarSpi, changes: dict[str, float], state: Array) -> Array:
-    """Of a full car that was made with other parameters, in a state of the filter."""
+    """Accelerations of a full car that was made with other parameters, in a state of the filter."""
     plant = FullCarPlant(spi.car.vehicle.with_parameters(changes), LONGEST_STEP, spi.car.plant.car, spi.car.plant.rack)
     plant.force[:] = spi.car.mean[28:42]
     plant.place(state[:14], state[14:28], spi.inputs)

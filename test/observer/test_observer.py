@@ -106,7 +106,7 @@ def test_merged_measurements_in_any_order_give_nearly_the_same_state(vehicle: Ve
 def test_gnss_that_comes_200_ms_late_gives_the_same_state(
     parameter_filter: str, way: str, vehicle: Vehicle, lane_change: Recording
 ) -> None:
-    """Whether parameters are estimated along, and whether what is done again is done in one call of C."""
+    """With and without parameters that are estimated, and with what is done again in one call of C or not."""
     stream = messages(lane_change, 4.0)
     in_time = without_ties(stream)
     begin = in_time[0].stamp + SECOND  # both start alike
@@ -174,7 +174,7 @@ def test_looking_at_the_estimate_does_not_change_it(vehicle: Vehicle, lane_chang
 def test_the_covariance_stays_symmetric_and_positive_for_ten_minutes(
     vehicle: Vehicle, lane_change: Recording, way: str
 ) -> None:
-    """The same drive over and over: GNSS moved on with the car, or none after the first time.
+    """One drive over and over: GNSS moved on with the car, or none after the first time.
 
     Smallest eigenvalues of the correlation matrix, which does not depend on units, are looked at after each drive. In
     a tunnel nothing measures the place and the heading: the error of the gyro's bias, times time, is that of the

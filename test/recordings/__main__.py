@@ -31,7 +31,7 @@ SECONDS = 1500.0  # of the drive of which the formats are timed: 150,000 rows, 3
 
 
 def run_cases() -> dict[str, bool]:
-    """Whether each case gives what is expected."""
+    """For each case, true if it gives what is expected."""
     found = {}
     cases = CASES | FURTHER_CASES
     with progress("cases") as done:

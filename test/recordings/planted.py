@@ -199,7 +199,7 @@ FAULTS = (
 
 
 def is_named(fault: Fault, recording: Recording) -> bool:
-    """Whether the fault, planted in a recording, is found and called what it is."""
+    """True if the fault, planted in a recording, is detected and called what it is."""
     found = inspect(changed(recording, fault.topic, fault.change))
     if any(f.topic == fault.topic and f.kind in fault.kinds for f in found.findings):
         return True

@@ -103,7 +103,7 @@ def test_a_kind_that_reads_its_messages_otherwise_does_so_in_blocks_too():
 
 @pytest.mark.parametrize("sensor", MEASURING)
 def test_an_equation_needs_no_more_than_a_motion_and_has_as_many_components_as_deviations(sensor: SensorBase):
-    """Of a car at rest at the origin, which is what a motion is without further words."""
+    """A car at rest at the origin is what a motion is without further words."""
     biases, mounting = ca.SX.zeros(len(sensor.biases())), ca.SX(sensor.mounting())
     found = sensor.equation(Motion(), biases, mounting)
     assert found.shape == (len(sensor.deviations()), 1)

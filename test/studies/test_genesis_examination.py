@@ -31,8 +31,8 @@ def test_side_slip_without_measuring_it_beats_the_formulas_and_reaches_what_was_
 
 @pytest.mark.exam
 def test_with_what_explain_found_the_observer_knows_the_side_slip_better_with_gnss_and_without():
-    """Of which explain was given none. The mounting of the reference is fitted: its place is told from the centre of
-    gravity, of which explain has found that it is elsewhere."""
+    """Explain was given no side slip. The mounting of the reference is fitted: its place counts from the centre of
+    gravity, which explain has estimated to be elsewhere."""
     folder = datasets.find("genesis_oxts_can")
     if folder is None:
         pytest.skip("the Genesis recordings are not here: set VSENSE_DATA or run `vsense datasets fetch`")

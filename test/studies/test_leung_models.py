@@ -88,7 +88,7 @@ def test_table_5_3_of_the_slow_lane_change_is_within_a_fifth_of_the_print_with_n
 
 
 def errors_in_small_turns(car: Vehicle) -> dict[str, float]:
-    """Of the linear model in a sine of the steering of 0.4 m/s² at 25 km/h."""
+    """Errors of the linear model in a sine of the steering of 0.4 m/s² at 25 km/h."""
     speed = 25 / 3.6
     feet, angle = SpeedKeeper(car, lambda t: speed), steady_steering(car, speed, 0.4)
     q, u = rolling_straight(car, speed)

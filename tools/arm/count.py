@@ -101,7 +101,7 @@ def counted(program: Path, steps: int, library: Path, folder: Path) -> dict[str,
 
 
 def measure(vehicle: Vehicle, single: bool, folder: Path, library: Path) -> dict[str, float]:
-    """Of one build: instructions and floating-point operations of a step, size of code, stack, and the estimate."""
+    """Measures of a build: instructions and floating-point operations of a step, size of code, stack, the estimate."""
     sources = folder / "sources"
     c.write(vehicle, sources, single=single)
     example = (sources / "example.c").read_text()

@@ -16,7 +16,7 @@ SMALLEST_RELAXATION = 0.05  # [m]
 
 
 def cross(a, b):
-    """Of vectors (3, …), which may be broadcast."""
+    """Cross product of vectors (3, …), which may be broadcast."""
     first = a[1] * b[2]
     result = np.empty((3, *first.shape))
     np.subtract(first, a[2] * b[1], out=result[0])
@@ -30,7 +30,7 @@ def dot(a, b):
 
 
 def steer_angles(car, knobs, extra, handwheel, travel, axle_torque):
-    """Of the four wheels about z [rad] (4, lanes)."""
+    """Steer angles of the four wheels about z [rad], (4, lanes)."""
     ratio = car.ratio * (1 + knobs.ratio_change) / (1 + knobs.ratio_progression * handwheel**2)
     mean = (handwheel + knobs.steering_offset) / ratio - extra.twist
     tangent = np.tan(mean)

@@ -80,7 +80,7 @@ class _Plant:
         )  # fmt: skip
 
     def derivative(self, x, path, command, force_before):
-        """Of the state; and specific force of cog, angular acceleration [body axes], and what acts."""
+        """Derivative of the state; and specific force of cog, angular acceleration [body axes], and what acts."""
         car = self.car
         m = self.motion(x, path)
         act = actions(car, self.knobs, m, x[EXTRA], command, force_before, self.formula)

@@ -11,7 +11,7 @@ from vsense_ros.model.moving_car import Corner, MovingCar
 
 
 class DryBearings(Effect):
-    """The same torque holds back every wheel, however fast it turns."""
+    """A constant torque holds back every wheel, however fast it turns."""
 
     id: ClassVar[str] = "dry_bearings"
     sentence: ClassVar[str] = "wheel bearings without grease"
