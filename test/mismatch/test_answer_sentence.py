@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from synthetic_findings import effect, finding
+from vsense_ros.mismatch.answer_schema import Remainder
 from vsense_ros.mismatch.answer_sentence import conditions, sentence
 from vsense_ros.mismatch.beforehand import delays
 from vsense_ros.mismatch.tables import effect_rows
@@ -28,6 +29,13 @@ def test_a_delay_that_lags_determine_is_not_excluded_where_nothing_explains_the_
     delay, radius = effect_rows(finding("unknown", effects=(late, rest)))
     assert delay.standing == "determined before any fit, by sensors of one motion"
     assert "excluded" not in radius.standing
+
+
+def test_two_late_sensors_are_said_in_one_breath():
+    late = [effect("sensor_delay", 0.2, sensor=name, accepted=True) for name in ("gyro", "accelerometer")]
+    said = sentence(finding("named", effects=late))
+    assert said.count(late[0].sentence) == 1
+    assert said.count(";") == 2  # between the two sizes, and before what it explains
 
 
 def test_where_held_out_recordings_have_no_trace_of_an_effect_that_is_said_in_place_of_zero_percent():
@@ -57,3 +65,10 @@ def test_a_defect_for_which_a_signal_was_left_out_is_said_once():
 def test_of_many_defects_the_sentence_says_how_many_more_there_are():
     said = conditions(finding("unknown", recording_defects=[f"steps in {i}" for i in range(8)]), (), [])
     assert said.endswith("steps in 2; and 5 more, which the remarks list.")
+
+
+def test_an_ambiguous_answer_that_leaves_a_signal_far_off_says_that_there_is_more():
+    rest = Remainder(level=2.0, signals=(), region=None, force=None)
+    more = "Whichever it is, something more is left over."
+    assert sentence(finding("ambiguous", remainder=rest)).endswith(more)
+    assert more not in sentence(finding("ambiguous", remainder=None))

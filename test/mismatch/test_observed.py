@@ -66,6 +66,26 @@ def test_a_reference_is_found_where_it_was_mounted():
     found()
 
 
+def test_a_drive_without_bends_puts_no_reference_beside_its_car():
+    """A speed that is a little off at a small yaw rate looks like a large distance to the side."""
+    t = np.arange(0.0, 20.0, 0.1)
+    zero = np.zeros_like(t)
+    stamp = np.round(t * 1e9).astype(np.int64)
+
+    def driven(topic: str, speed: float) -> Recording:
+        columns = {
+            "position": np.zeros((len(t), 3)),
+            "orientation": np.tile([0.0, 0.0, 0.0, 1.0], (len(t), 1)),
+            "linear": np.column_stack([speed + zero, zero, zero]),
+            "angular": np.column_stack([zero, zero, zero + 0.01]),
+        }
+        return Recording({topic: Channel(topic, "nav_msgs/msg/Odometry", stamp, stamp, columns)})
+
+    place = fitted_place([driven(ODOMETRY, 15.0)], [driven("reference/odometry", 15.05)], prototype())
+    assert place is not None
+    assert abs(place.y) <= 1.0
+
+
 def test_the_noise_of_sensors_is_left_alone_and_what_acts_along_the_car_where_its_torques_are_unknown():
     known = prototype()
     unknown = known.model_copy(update={"sensors": {n: s for n, s in known.sensors.items() if n != "torques"}})

@@ -12,7 +12,7 @@ from vsense_ros.mismatch.answer_schema import (
 )
 from vsense_ros.mismatch.beforehand import Beforehand
 from vsense_ros.mismatch.simulation import LOST
-from vsense_ros.mismatch.words import in_words, label, percent, shown_value
+from vsense_ros.mismatch.words import in_words, label, percent, physics_in_words, shown_value
 from vsense_ros.model.effects import BY_ID
 
 DEFECTS_SAID = 3  # defects of recordings that the sentence lists
@@ -30,7 +30,10 @@ def sentence(answer: Answer) -> str:
     if answer.verdict == "ambiguous":
         return _in_doubt(answer)
     accepted = answer.accepted
-    named = " and ".join(map(in_words, accepted))
+    alike: dict[str, list[EffectEntry]] = {}
+    for effect in accepted:
+        alike.setdefault(physics_in_words(effect), []).append(effect)
+    named = " and ".join(in_words(*effects) for effects in alike.values())
     if answer.assumed:
         return f"Assumed, not searched for: {named}; with it {_falls(accepted[0], answer)}."
     rest = "" if answer.remainder is None else f". Something more is left over{_rest_in_words(answer.remainder)}"
@@ -98,7 +101,8 @@ def _in_doubt(answer: Answer) -> str:
     shared = answer.sure
     others = [[id for id in effects if id not in shared] for effects in answer.rivals]
     choices = [" with ".join(BY_ID[id].sentence for id in effects) for effects in others if effects]
-    doubt = f"these recordings cannot determine which it is: {', or '.join(dict.fromkeys(choices))}."
+    more = "" if answer.remainder is None else " Whichever it is, something more is left over."
+    doubt = f"these recordings cannot determine which it is: {', or '.join(dict.fromkeys(choices))}.{more}"
     if not shared:
         return doubt[0].upper() + doubt[1:]
     return f"The model leaves out {' and '.join(BY_ID[id].sentence for id in shared)}. It leaves out more, and {doubt}"

@@ -91,8 +91,9 @@ def _force(judged: Judged, validation: Validation) -> Force | None:
 def remainder(
     residuals: Residuals, shown: Fit, judged: Judged, term: Hypothesis | None, validation: Validation
 ) -> Remainder | None:
-    """What is left over besides what is named, which a `term` beside it may describe; None where that is all."""
-    if not judged.partial or judged.verdict != "named":
+    """What is left over besides what is named, which a `term` beside it may describe, or besides the first of several
+    explanations; None where that is all."""
+    if judged.verdict != "ambiguous" and not (judged.partial and judged.verdict == "named"):
         return None
     off = shown.residuals
     good, errors = residuals.good(off), residuals.deviations(off)
@@ -102,6 +103,8 @@ def remainder(
         key=lambda name: errors[name] / good[name],
         reverse=True,
     )
+    if judged.verdict == "ambiguous" and not far:
+        return None
     by_signal = residuals.by_signal(off)
     return Remainder(
         level=residuals.level(off),

@@ -14,7 +14,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.linalg import lstsq
+from scipy.optimize import lsq_linear
 
 from vsense_ros.estimation.innovations import Innovations
 from vsense_ros.evaluate.metrics import SignalScore, align, compare
@@ -51,6 +51,9 @@ class ObserverComparisonSettings:
     worse: float = 1.05  # of an error against the reference, from where on it has grown
     # steps of Newton's method to the mounting of a reference, which is linear but for a small angle
     mounting_steps: int = 3
+    # [m, m, rad] ahead, to the left, and turned: a reference is on its car, and its axes are nearly those of the car,
+    # where a drive without bends would put it anywhere
+    furthest_mounting: tuple[float, float, float] = (4.0, 1.0, 0.2)
 
 
 COMPARISON = ObserverComparisonSettings()
@@ -298,14 +301,15 @@ def fitted_place(
         return None
     x, y, r, true_x, true_y = np.concatenate(parts, axis=1)
     place, zero = np.zeros(3), np.zeros_like(r)
+    furthest = np.array(COMPARISON.furthest_mounting)
     for _ in range(COMPARISON.mounting_steps):
         # The velocity v + ω × position, in axes that are turned by what is known of the yaw.
         cos, sin = np.cos(place[2]), np.sin(place[2])
         there_x, there_y = cos * true_x - sin * true_y, sin * true_x + cos * true_y
         own_x, own_y = x - r * place[1], y + r * place[0]
         rows = np.block([[zero[:, None], -r[:, None], own_y[:, None]], [r[:, None], zero[:, None], -own_x[:, None]]])
-        change, *_ = lstsq(rows, np.concatenate([there_x - own_x, there_y - own_y]))
-        place += change
+        off = np.concatenate([there_x - own_x, there_y - own_y])
+        place += lsq_linear(rows, off, bounds=(-furthest - place, furthest - place)).x
     return ReferencePlace(x=float(place[0]), y=float(place[1]), yaw=float(place[2]))
 
 

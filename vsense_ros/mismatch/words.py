@@ -78,9 +78,10 @@ def heading(name: str) -> str:
     return words[:1].upper() + words[1:]
 
 
-def in_words(effect: EffectEntry) -> str:
-    """An effect as the end of "the model leaves out …": what it is, where, and how large."""
-    return f"{physics_in_words(effect)} ({sizes_in_words(effect)})"
+def in_words(effect: EffectEntry, *alike: EffectEntry) -> str:
+    """An effect as the end of "the model leaves out …": what it is, where, and how large; how large at each place, if
+    there are several that are alike."""
+    return f"{physics_in_words(effect)} ({'; '.join(map(sizes_in_words, (effect, *alike)))})"
 
 
 def physics_in_words(effect: EffectEntry) -> str:
