@@ -46,7 +46,6 @@ from vsense_ros.mismatch.picture import Trace
 from vsense_ros.mismatch.remarks import ALONE, Evidence, remarks
 from vsense_ros.mismatch.residuals import Residuals
 from vsense_ros.mismatch.search import Search
-from vsense_ros.mismatch.search_settings import EFFORT
 from vsense_ros.mismatch.selection import most_telling
 from vsense_ros.mismatch.simulation import LOST, Predictor
 from vsense_ros.mismatch.stand_ins import what_looks_alike
@@ -419,25 +418,12 @@ def _judged_with_further(
     while newest := search.further(newest, least, validation.proven, unseen):
         validation.comparisons.prepare(newest)
         hypotheses = [*hypotheses, *newest]
-        # Members that the first effect has chosen may be others once there are several: the next one joins the best.
-        best = max(newest, key=validation.proven)
-        if search.leaves_something(best.fit):
-            exchanged = search.exchanged(best, hypotheses, EFFORT.exchanged_share)
-            validation.comparisons.prepare(exchanged)
-            hypotheses = [*hypotheses, *exchanged]
-            newest = [*newest, *(e for e in exchanged if len(e.candidates) == len(best.candidates))]
     described: list[Hypothesis] = []
     judged = judge(hypotheses, described, validation, search.with_profile, threshold)
     if search.leaves_something(judged.leader.fit if judged.leader is not None else search.base):
         described = search.described()
         validation.comparisons.prepare(described)
         judged = judge(hypotheses, described, validation, search.with_profile, threshold)
-    if judged.rivals and len(judged.rivals[0].candidates) > 1:
-        exchanged = search.exchanged(judged.rivals[0], hypotheses, THRESHOLDS.rival_share)
-        if exchanged:
-            validation.comparisons.prepare(exchanged)
-            hypotheses = [*hypotheses, *exchanged]
-            judged = judge(hypotheses, described, validation, search.with_profile, threshold)
     if judged.in_doubt:
         joint = search.joint(judged.in_doubt)
         validation.comparisons.prepare(joint)

@@ -139,28 +139,6 @@ class Fitting:
         fitted = self.fit(at.joined(free_parameters, self.secants.slopes_at(at, free_parameters)))
         return self.hypothesis(hypothesis.candidates, fitted, hypothesis.independent_share)
 
-    def without_each(self, hypothesis: Hypothesis, chosen: Sequence[Candidate]) -> list[Hypothesis]:
-        """A hypothesis without each of some of its effects, the rest fitted again."""
-        fits = self._fit_each(self._without(hypothesis, candidate) for candidate in chosen)
-        return [
-            self.hypothesis(tuple(c for c in hypothesis.candidates if c is not out), f, hypothesis.independent_share)
-            for out, f in zip(chosen, fits, strict=True)
-        ]
-
-    def _without(self, hypothesis: Hypothesis, candidate: Candidate) -> Fit:
-        """Where a fit of a hypothesis without one of its effects begins."""
-        at = hypothesis.fit
-        names = {parameter.name for parameter in candidate.free_parameters}
-        names |= {parameter.name for parameter in shapes(candidate, self.start.values)}
-        base = {parameter.name: parameter for parameter in self.base.free_parameters}
-        # What every car has a little of is fitted with its own prior again.
-        common = [base[name] for name in names if name in base]
-        stay = [i for i, parameter in enumerate(at.free_parameters) if parameter.name not in names]
-        return replace(
-            at, free_parameters=tuple(at.free_parameters[i] for i in stay), offsets=at.offsets[stay],
-            slopes=[s[:, stay] for s in at.slopes],
-        ).joined(common, self.secants.of_base(common))  # fmt: skip
-
     def fit(self, joint: Fit) -> Fit:
         """The fit that further steps from this one lead to."""
         (fitted,) = self._fit_each([joint])

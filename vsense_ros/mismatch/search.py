@@ -23,7 +23,7 @@ from vsense_ros.mismatch.cross_validation import CrossValidation
 from vsense_ros.mismatch.fitting import Fitting
 from vsense_ros.mismatch.hypothesis import Hypothesis, Signature
 from vsense_ros.mismatch.residuals import Residuals
-from vsense_ros.mismatch.screening import Screening, are_mistaken, first_size
+from vsense_ros.mismatch.screening import Screening, first_size
 from vsense_ros.mismatch.search_settings import EFFORT
 from vsense_ros.mismatch.secants import Secants
 from vsense_ros.mismatch.thresholds import THRESHOLDS
@@ -202,33 +202,6 @@ class Search:
         likeliest = [new for new in besides.values() if new][: EFFORT.beam]
         fitted = self.fitting.fitted([self.screening.signature(first.fit, first.candidates, new) for new in likeliest])
         return self.fitting.refined_each(fitted)
-
-    def exchanged(self, hypothesis: Hypothesis, known: Sequence[Hypothesis], share: float) -> list[Hypothesis]:
-        """Hypotheses in which each of several effects is exchanged for those that it is mistaken for, where that
-        promises a `share` of what it explains beside the others; and the others alone, where that was not known. Sets
-        grow from the best, so that a set may never have been fitted that explains as much as one that was. A profile of
-        the road is exchanged for effects with one size, as a hilly road resembles whatever acts along the car."""
-        self.screening.simulate_new()
-        fitted = {frozenset(e.effects): e for e in sorted(known, key=lambda e: e.score)}
-        several = hypothesis.candidates if len(hypothesis.candidates) > 1 else ()
-        others = {candidate: frozenset(hypothesis.effects) - {candidate.effect} for candidate in several}
-        unknown = [candidate for candidate in several if others[candidate] not in fitted]
-        alone = self.fitting.without_each(hypothesis, unknown)
-        fitted |= {frozenset(e.effects): e for e in alone}
-        alike: list[Signature] = []
-        for candidate in several:
-            rest = fitted[others[candidate]]
-            least = rest.gain + share * (hypothesis.gain - rest.gain)
-            signatures = (
-                self.screening.signature(rest.fit, rest.candidates, (other,))
-                for other in self.screening.besides(hypothesis.candidates)
-                if are_mistaken(candidate.effect, other.effect) and not other.along_road
-                and others[candidate] | {other.effect} not in fitted
-            )  # fmt: skip
-            likely = sorted((s for s in signatures if s.gain > least), key=lambda s: s.gain)
-            at_best_place = {s.candidates[-1].effect: s for s in likely}
-            alike += list(at_best_place.values())[-EFFORT.beam :]
-        return [*alone, *self.fitting.refined_by_last(self.fitting.fitted(alike))]
 
     def with_profile(self, hypothesis: Hypothesis) -> Hypothesis | None:
         """A hypothesis with an effect of the road that has one size for all places, fitted with a profile of it (a size

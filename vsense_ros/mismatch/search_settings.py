@@ -30,9 +30,6 @@ class SearchSettings:
     few_places: int = 40
     # [-] of the cost by which base parameters fit better elsewhere if their fit stopped short
     stuck_share: float = 0.02
-    # [-] of what a member of a set explains beside the others, which another promises that is tried in its place while
-    # the set still grows
-    exchanged_share: float = 1.0
     terms_tried: int = 3  # terms that are fitted in full
     # [-] deviation of a size that was named, over its fitted value, with which the prior hardly shrinks it
     unshrunk_ratio: float = 2.0

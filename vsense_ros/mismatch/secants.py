@@ -101,12 +101,6 @@ class Secants:
         """The secant (rows,) by a free parameter at the base fit, per unit of it, by window."""
         return self._columns[parameter.name, parameter.form]
 
-    def of_base(self, free_parameters: Sequence[FreeParameter]) -> list[Array]:
-        """Slopes (rows, n) of the base fit by n of its free parameters, per deviation, by window."""
-        names = [parameter.name for parameter in self.base.free_parameters]
-        places_of = [names.index(parameter.name) for parameter in free_parameters]
-        return [part[:, places_of] for part in self.base.slopes]
-
     def joined_equations(self, at: Fit, free_parameters: Sequence[FreeParameter]) -> NormalEquations:
         """The equations of `Fit.joined`, of which those of the fit are known."""
         known, names = at.equations, {parameter.name for parameter in free_parameters}
