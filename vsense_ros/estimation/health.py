@@ -48,7 +48,8 @@ class Health:
         """A message has arrived [ns]."""
         gap = (arrival - self.last_received) * 1e-9
         if self.last_received and gap > 0:
-            if gap > self.longest_silence(sensor):
+            # No silence that counts is shorter, and this comparison costs less.
+            if gap > min(_SHORTEST, sensor.timeout) and gap > self.longest_silence(sensor):
                 self.back = arrival
             elif not self.period:
                 self.period = gap

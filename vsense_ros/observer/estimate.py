@@ -80,7 +80,6 @@ class Estimate:
     # who is wrong, or that nobody measures.
     undecided: Array = field(default_factory=lambda: np.zeros(8))
     longitudinal_shares: Array = field(default_factory=lambda: np.zeros(4))  # as `CarMemory`
-    undetermined: Array = field(default_factory=lambda: np.zeros(2, dtype=bool))  # as `observable.undetermined`
 
     @classmethod
     def of(cls, stamp: int, filter: CarFilter) -> Estimate:
@@ -102,8 +101,12 @@ class Estimate:
             car,
             car.vehicle,
             longitudinal_shares=car.longitudinal_shares.copy(),
-            undetermined=undetermined(car, covariance),
         )
+
+    @property
+    def undetermined(self) -> Array:
+        """Flags (2,) of what was not determined, as `observable.undetermined`."""
+        return undetermined(self.car, self.covariance)
 
     @property
     def variance(self) -> Array:

@@ -43,11 +43,14 @@ HEIGHT_NEEDS = "the height of the road is absent: it needs a GNSS height (gnss_h
 
 
 def undetermined(car: CarBlocks, covariance: Array) -> Array:
-    """Flags (2,): True where the longitudinal forces of single wheels, and the height of the road, are not determined
-    by what was measured, at this covariance (n, n) of the errors of the state."""
+    """Flags (…, 2): True where the longitudinal forces of single wheels, and the height of the road, are not determined
+    by what was measured, at this covariance (…, n, n) of the errors of the state."""
     prior = float(car.prior.deviation[_HEIGHT])
-    height_open = float(covariance[_HEIGHT, _HEIGHT]) > (1 - SETTINGS.removed) * prior**2
-    return np.array([not car.prior.torques.determine_forces, height_open and prior > SETTINGS.open_height])
+    flags = np.empty((*covariance.shape[:-2], 2), dtype=bool)
+    flags[..., 0] = not car.prior.torques.determine_forces
+    flags[..., 1] = covariance[..., _HEIGHT, _HEIGHT] > (1 - SETTINGS.removed) * prior**2
+    flags[..., 1] &= prior > SETTINGS.open_height
+    return flags
 
 
 def needs(flags: Array) -> str:

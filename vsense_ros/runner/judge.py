@@ -104,6 +104,7 @@ class Judges:
             i: tuple(judge.hear for judge in self._judges if i in judge.hears) for i in range(len(sensors))
         }
         self._before = tuple(judge.before for judge in self._judges if type(judge).before is not Judge.before)
+        self._undecided = tuple(judge for judge in self._judges if type(judge).apart is not Judge.apart)
         self._settled = 0
         self._begin_block(0)
 
@@ -131,7 +132,7 @@ class Judges:
     @property
     def apart(self) -> Apart | None:
         """The widest of what is undecided for any of them; None for nothing."""
-        undecided = [apart for judge in self._judges if (apart := judge.apart) is not None]
+        undecided = [apart for judge in self._undecided if (apart := judge.apart) is not None]
         return Apart(*map(max, zip(*undecided, strict=True))) if undecided else None
 
     def forget(self, stamp: int) -> None:

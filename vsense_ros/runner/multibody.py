@@ -80,6 +80,7 @@ class CarAdapter(Adapter):
         self.car, self.sensors = filter.car, sensors
         self.merge = vehicle.observer.merge_window
         self.left_out = left_out_of_observer(vehicle)
+        self._of_course = {i for i, sensor in enumerate(sensors.values()) if "course" in sensor.measures}
         self.has_position = any("position" in sensor.measures for sensor in sensors.values())
         self.balance = Balance(vehicle, sensors)
         self.tilt = Tilt(sensors, self.car)
@@ -176,8 +177,10 @@ class CarAdapter(Adapter):
         self.balance.measured(event)
 
     def correct(self, channel: Channel, event: Event) -> Innovation:
-        bent = self._bend_of_course() if "course" in self.measures(event.sensor) else 0.0
-        return self.filter.correct(channel.name, event.value, event.variance + bent, channel.limit)
+        variance = event.variance
+        if event.sensor in self._of_course:
+            variance = variance + self._bend_of_course()
+        return self.filter.correct(channel.name, event.value, variance, channel.limit)
 
     def _bend_of_course(self) -> float:
         """Variance of a velocity over ground by an error of the heading to second order, which the linearised equation

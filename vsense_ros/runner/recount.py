@@ -6,7 +6,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Collection, Mapping
-from dataclasses import replace
 from functools import cached_property
 from typing import NamedTuple
 
@@ -116,7 +115,7 @@ class Recount:
     def _scores(self, without: tuple[int, list[int]] | None, free: int | None = None) -> Scores | None:
         """The scores as if some axes of one sensor had not been there; or as if the steering had not been, whose error
         is the element `free` of the state."""
-        scores: Scores = {}
+        found: dict[int, list[tuple[Array, Array]]] = {}  # by sensor: whitened innovations and their deviations
         timeline, widened = self._timeline, self._since
 
         def act(event: Event) -> None:
@@ -134,29 +133,36 @@ class Recount:
                 return
             axes = self._axes.get(event.sensor)
             if without is not None and event.sensor == without[0]:
-                event = replace(event, value=event.value.copy())
+                event = Event(event.sensor, event.stamp, event.value.copy(), event.variance)
                 event.value[without[1]] = np.nan
             if axes is None:
                 innovation = self._adapter.correct(channel, event)
             else:
                 innovation = self._adapter.inertial.correct(channel, event, axes.gate)
-            score = scores.setdefault(event.sensor, np.zeros((3, len(innovation.whitened))))
+            seen = found.setdefault(event.sensor, [])
             if axes is None or not innovation.nis > axes.gate:
-                _score(score, innovation)
+                seen.append(_copied(innovation))
                 return
             for _, alone in self._adapter.inertial.correct_by_axis(channel, event, axes.gate):
-                _score(score, alone)
+                seen.append(_copied(alone))
 
-        return scores if timeline.again(self._since, act) else None
+        if not timeline.again(self._since, act):
+            return None
+        return {sensor: _score(*(np.array(part) for part in zip(*seen, strict=True))) for sensor, seen in found.items()}
 
 
-def _score(score: Array, innovation: Innovation) -> None:
-    """Add the innovation of a measurement to the scores (3, m) of its sensor, if it measured anything."""
+def _copied(innovation: Innovation) -> tuple[Array, Array]:
+    """The whitened innovation of a measurement and its deviations, (m,) each, NaN where nothing was measured."""
     if innovation.nis < 0:
-        return
-    whitened, deviation = innovation.whitened, innovation.factor.diagonal()
+        nothing = np.full(len(innovation.whitened), np.nan)
+        return nothing, nothing
+    return innovation.whitened.copy(), innovation.factor.diagonal().copy()
+
+
+def _score(whitened: Array, deviation: Array) -> Array:
+    """The scores (3, m) of a sensor by its n whitened innovations and their deviations, (n, m) each."""
     there = whitened == whitened
-    squares = np.minimum(whitened[there] ** 2, VOTE.largest_square)
-    score[0, there] += squares + 2 * np.log(np.maximum(deviation[there], 1e-9))
-    score[1, there] += squares
-    score[2, there] += 1.0
+    squares = np.where(there, np.minimum(whitened**2, VOTE.largest_square), 0.0)
+    logarithms = np.where(there, 2 * np.log(np.maximum(deviation, 1e-9)), 0.0)
+    # Added one after the other, as sums of pairs would round otherwise.
+    return np.stack([part.cumsum(axis=0)[-1] for part in (squares + logarithms, squares, 1.0 * there)])
