@@ -2,8 +2,8 @@
 
 Steps of observers are timed as `tools/bench_parts.py` times them. What a command needs for a recording is measured in a
 process of its own for each length: a generated double lane change, over and over, whose positions go on with the car.
-The page and its picture are written anew. `--longest` says up to how many seconds of a recording are estimated and
-explained.
+The page and its picture are written anew, with the plan of `tools/fleet_plan.py` at its end. `--longest` says up to
+how many seconds of a recording are estimated and explained.
 """
 
 from __future__ import annotations
@@ -18,6 +18,7 @@ from collections.abc import Callable
 from dataclasses import dataclass, replace
 from pathlib import Path
 
+import fleet_plan
 import numpy as np
 
 import vsense_ros as vs
@@ -218,7 +219,9 @@ def main() -> None:
                 print(job, costs[job][-1], flush=True)
     image = arguments.page.with_suffix(".svg")
     picture(costs, image)
-    arguments.page.write_text(page(steps(), costs, image.name, arguments.longest), encoding="utf-8")
+    text = page(steps(), costs, image.name, arguments.longest)
+    text = fleet_plan.with_section(text, fleet_plan.section(text, fleet_plan.Night()))
+    arguments.page.write_text(text, encoding="utf-8")
 
 
 if __name__ == "__main__":
