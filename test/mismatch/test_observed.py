@@ -125,6 +125,14 @@ def test_a_model_is_no_better_where_noise_levels_alone_bring_the_side_slip_neare
     assert _judged(found)[0] == better
 
 
+def test_where_noise_levels_alone_bring_the_side_slip_further_off_the_file_keeps_its_own():
+    """And the extended car, which has them, is compared with the car as it was."""
+    found = compared(improved=False).with_(retuned=figures(1.6, 0.012), extended=figures(1.5, 0.005))
+    better, said = _judged(found)
+    assert better
+    assert "by 0.688°, and so the file keeps its own" in said
+
+
 @pytest.mark.parametrize("improved", [True, False])
 def test_where_the_observer_does_not_improve_page_and_terminal_say_so_before_all_else(improved, tmp_path: Path):
     answer = finding("named", observer=compared(improved=improved))

@@ -339,7 +339,9 @@ class ObserverComparison(_Part):
     sentence: str = _field("The comparison in words.")
     as_it_was: ObserverFigures = _field("With the vehicle file as it was.")
     retuned: ObserverFigures = _field("With the noise levels alone fitted to the recordings.")
-    extended: ObserverFigures = _field("With the extended vehicle file, whose noise levels were fitted as well.")
+    extended: ObserverFigures = _field(
+        "With the extended vehicle file, whose noise levels were fitted as well if that brings no estimate further off."
+    )
 
 
 class Answer(_Part):

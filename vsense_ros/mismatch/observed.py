@@ -81,16 +81,23 @@ def comparison(
     progress: Callable[[], None] = lambda: None,
 ) -> tuple[ObserverComparison, Vehicle]:
     """How the observer fares with the vehicle and with the extended one, on what was held out, or where nothing was on
-    the recordings themselves; and the extended vehicle with the noise levels that fit it.
+    the recordings themselves; and the extended vehicle with the noise levels that fit it, unless such levels make the
+    errors against a reference larger: then with those of the file.
 
     `dataset` says which stretches of the recordings were fitted. Raises `InputError` where the observer does not start.
     """
     pieces = _pieces(recordings, dataset)
     judged = [one.between(None, COMPARISON.judged_on / len(held_out)) for one in held_out] or pieces
     retuned, maximum = with_fitting_noise(vehicle, pieces, progress)
-    tuned, _ = with_fitting_noise(extended, pieces, progress, maximum)
-    cars = {"as_it_was": vehicle, "retuned": retuned, "extended": tuned}
+    cars = {"as_it_was": vehicle, "retuned": retuned}
     runs = {name: [innovations_and_output(one, car) for one in judged] for name, car in cars.items()}
+    outputs = {name: _against_reference([run for _, run in runs[name]], judged, car) for name, car in cars.items()}
+    progress()
+    # What is likely of fast sensors may be wrong of slow errors, which a reference shows.
+    if not _grown(outputs["retuned"].errors, outputs["as_it_was"].errors):
+        extended, _ = with_fitting_noise(extended, pieces, progress, maximum)
+    runs["extended"] = [innovations_and_output(one, extended) for one in judged]
+    outputs["extended"] = _against_reference([run for _, run in runs["extended"]], judged, extended)
     progress()
     innovations_of = {name: [innovations for innovations, _ in of_car] for name, of_car in runs.items()}
     # What an outlier is, is the same for all; and what one of them has no innovation of, none is judged by.
@@ -105,7 +112,6 @@ def comparison(
                 del rows[s]
             for s in rows:
                 rows[s] = rows[s] & of[s].there
-    outputs = {name: _against_reference([run for _, run in runs[name]], judged, car) for name, car in cars.items()}
     figures = {
         name: ObserverFigures(
             log_likelihood=_per_message(of, credible),
@@ -120,7 +126,7 @@ def comparison(
         improved=False, sentence="", **figures,
     )  # fmt: skip
     verdict, sentence = _judged(result)
-    return result.with_(improved=verdict, sentence=sentence), tuned
+    return result.with_(improved=verdict, sentence=sentence), extended
 
 
 def with_fitting_noise(
@@ -317,26 +323,23 @@ def _judged(compared: ObserverComparison) -> tuple[bool, str]:
     """True if the observer is better with the extended file, and a sentence that says so."""
     was, retuned, extended = compared.as_it_was, compared.retuned, compared.extended
     on = "held-out recordings" if compared.held_out else "the fitted recordings, as none was held out"
-    gained, by_noise = (one.log_likelihood - was.log_likelihood for one in (extended, retuned))
+    kept = bool(_grown(retuned.errors, was.errors))  # the noise levels of the file
+    rival = was if kept else retuned
+    gained, by_noise = (one.log_likelihood - was.log_likelihood for one in (extended, rival))
     rises = gained > COMPARISON.noteworthy
-    nearer, further_off = _changed(extended, retuned)
+    nearer, further_off = _changed(extended, rival)
     by_model = nearer < 1 / COMPARISON.worse or (gained - by_noise > COMPARISON.noteworthy and further_off <= 1)
-    grown = [
-        name.replace("_", " ")
-        for name in PROVING
-        if name in extended.errors
-        and extended.errors[name].without_constant > COMPARISON.worse * was.errors[name].without_constant
-    ]
+    grown = _grown(extended.errors, was.errors)
     figures = (
         f"on {on} the log-likelihood per message changes by {_signed(gained)}; other noise levels alone change it by "
-        f"{_signed(by_noise)}"
+        f"{_signed(retuned.log_likelihood - was.log_likelihood)}"
     )
     if "side_slip" in extended.errors and "side_slip" in was.errors:
         before, after = (np.degrees(one.errors["side_slip"].without_constant) for one in (was, extended))
         alone = np.degrees(retuned.errors["side_slip"].without_constant)
         figures += (
             f"; the side slip is wrong by {after:.3f}° instead of {before:.3f}° (with other noise levels alone by "
-            f"{alone:.3f}°), the mounting of the reference fitted"
+            f"{alone:.3f}°{', and so the file keeps its own' if kept else ''}), the mounting of the reference fitted"
         )
     if rises and by_model and not grown:
         return True, f"The observer is better with the extended file: {figures}."
@@ -345,6 +348,17 @@ def _judged(compared: ObserverComparison) -> tuple[bool, str]:
     else:
         worse = "other noise levels alone do as much for it" if rises else "measurements are no likelier to it"
     return False, f"The observer is not better with the extended file, as {worse}: {figures}."
+
+
+def _grown(errors: Mapping[str, ObserverError], before: Mapping[str, ObserverError]) -> list[str]:
+    """Which of the proving errors, in words, are larger than before by more than a little."""
+    return [
+        name.replace("_", " ")
+        for name in PROVING
+        if name in errors
+        and name in before
+        and errors[name].without_constant > COMPARISON.worse * before[name].without_constant
+    ]
 
 
 def _changed(extended: ObserverFigures, retuned: ObserverFigures) -> tuple[float, float]:
