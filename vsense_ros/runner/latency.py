@@ -20,7 +20,7 @@ from __future__ import annotations
 from collections import deque
 from collections.abc import Mapping
 from dataclasses import dataclass
-from itertools import combinations
+from itertools import combinations, product
 from math import hypot, sqrt
 from typing import NamedTuple
 
@@ -32,6 +32,7 @@ from vsense_ros.estimation.timeline import Event
 from vsense_ros.model.handling.base import car_numbers
 from vsense_ros.model.sensors import SensorBase, place_of
 from vsense_ros.model.vehicle import Vehicle
+from vsense_ros.runner.lag_doubt import GAIN, TURN, LagDoubt
 
 Array = NDArray[np.float64]
 
@@ -47,7 +48,9 @@ class LatencySettings:
     step: float = 0.04  # [s] between the values that are compared
     span: float = 0.4  # [s] of their means, or two periods of the slower of both sensors
     longest_gap: float = 1.3  # [s] between two readings
+    most_delayed: float = 3.0  # [s] by which a body turns later than an axle steers, or an antenna ahead goes
     silence: float = 4.0  # [s] after which a sensor is compared no more, above `longest` and a gap
+    usual_speed: float = 15.0  # [m/s] where none is known yet
     slowest: float = 3.0  # [m/s] below which neither course nor steering says how a car turns
     least_compared: float = 5.0  # [s] in which both are there
     independent: float = 0.5  # [s] from one independent value to the next
@@ -117,9 +120,11 @@ class _Motion:
     def rates(self, times: Array, span: float) -> Array:
         """Mean rates of turn and of gain of speed (2, n) around times [s], NaN where they are not known."""
         ends = times - span / 2, times + span / 2
-        turned = np.maximum.accumulate(self.rows[:, 0] + self.rows[:, 3])
+        since = np.searchsorted(self.rows[:, 0], ends[0][0] - LATENCY.most_delayed)
+        rows = self.rows[max(int(since) - 1, 0) :]
+        turned = np.maximum.accumulate(rows[:, 0] + rows[:, 3])
         rates = []
-        for t, values in ((turned, self.rows[:, 1]), (self.rows[:, 0], self.rows[:, 2])):
+        for t, values in ((turned, rows[:, 1]), (rows[:, 0], rows[:, 2])):
             known = (ends[0] >= t[0]) & (ends[1] <= t[-1])
             for end in ends:
                 after = np.clip(np.searchsorted(t, end), 1, len(t) - 1)
@@ -150,8 +155,13 @@ class Latencies:
         self._ahead = self._car["to_rear"] + ahead  # [m] of the antenna, of the rear axle
         self.late: dict[int, Late] = {}
         self.by_sensor: dict[int, Late] = {}
+        pairs = [pair for pair in combinations(self._motions, 2) if self._steering not in pair]
+        keys = product(pairs, (TURN, GAIN))
+        usual = {(pair, motion): self._unmodelled(pair, motion, LATENCY.usual_speed) for pair, motion in keys}
+        # Course and wheels go by the gyro.
+        self.doubt = LagDoubt({key: s for key, s in usual.items() if key[1] == GAIN or self._inertial in key[0]})
         self._before: dict[int, Late] = {}  # the estimate before that
-        self._due = self._begun = 0  # [ns]
+        self._due = self._begun = self._taken = 0  # [ns]
 
     def hear(self, event: Event) -> None:
         """Take in a reading, with the stamp that its message says."""
@@ -162,9 +172,12 @@ class Latencies:
     def look(self, now: int) -> bool:
         """Estimate all lags anew if it is time [ns]; True if others are late now."""
         if 0 <= now - self._due < LATENCY.period:
+            if now - self._taken >= self.doubt.period:
+                self._taken = now
+                self._take_in(now, besides=self._steering)
             return False
         jumped = not 0 <= now - self._due < 3 * LATENCY.period
-        self._due = now
+        self._due = self._taken = now
         if jumped:
             self._begin(now)
             return False
@@ -179,13 +192,14 @@ class Latencies:
             self._motions[i] = _Motion()
             self._heard[i].clear()
         self.by_sensor, self._before = {}, {}
+        self.doubt.forget()
 
-    def _take_in(self, now: int) -> None:
-        """Make motions of what was heard."""
+    def _take_in(self, now: int, besides: int = -1) -> None:
+        """Make motions of what was heard, besides one sensor."""
         oldest = (now - self._begun) * 1e-9 - LATENCY.window - 2 * LATENCY.longest
         for i, motion in self._motions.items():
             heard = self._heard[i]
-            if not heard:
+            if not heard or i == besides:
                 continue
             stamps, values = np.array([stamp for stamp, _ in heard]), np.array([value for _, value in heard])
             heard.clear()
@@ -195,6 +209,7 @@ class Latencies:
             if i == self._course:
                 rows[:, 1] = np.unwrap(np.concatenate([motion.newest[:, 1], rows[:, 1]]))[len(motion.newest) :]
             motion.integrate(rows, oldest, [i == self._course, i in (self._course, self._wheels)])
+        self.doubt.compare(self._motions, {i: late.seconds for i, late in self.late.items()})
 
     def _rows(self, index: int, times: Array, values: Array) -> Array:
         """Times, rates of turn and of gain of speed, or of a course the angle, and of course and wheels the speed, and
@@ -345,6 +360,7 @@ class Latencies:
             if abs(late.seconds - known.seconds) <= least:
                 continue
             changed = True
+            self.doubt.changed(i, late.deviation)
             if abs(late.seconds) > least:
                 self.late[i] = late
             else:

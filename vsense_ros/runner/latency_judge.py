@@ -9,6 +9,7 @@ from __future__ import annotations
 from operator import attrgetter
 
 from vsense_ros.estimation.timeline import Event, Timeline
+from vsense_ros.model.handling.base import car_numbers
 from vsense_ros.runner.adapter import Adapter, Apart, Move
 from vsense_ros.runner.judge import Judge, moving_event, widening_event
 from vsense_ros.runner.latency import Latencies
@@ -30,6 +31,11 @@ class LatencyJudge(Judge):
         latencies = Latencies(adapter.vehicle, adapter.sensors) if adapter.knows_car else None
         self.latencies = latencies if latencies is not None and latencies.possible else None
         self.judged = self.latencies is not None
+        if self.latencies is not None:
+            car = car_numbers(adapter.vehicle)
+            self._base = car["to_front"] + car["to_rear"]
+            softer = car["to_rear"] / car["front_stiffness"] - car["to_front"] / car["rear_stiffness"]
+            self._understeer = max(car["mass"] / self._base * softer, 0.0)  # [s²/m] of the single-track model
         self._late: dict[int, int] = {}  # that are not in time [ns]
 
     def hear_first(self, event: Event) -> None:
@@ -66,7 +72,14 @@ class LatencyJudge(Judge):
         """What comes here has its time already."""
 
     def feel(self, stamp: int, h: float, felt: list[float]) -> None:
-        """Nothing is felt."""
+        if self.latencies is not None:
+            speed = self._adapter.forward_speed
+            steered = self._adapter.steering_angle * speed / (self._base + self._understeer * speed**2)
+            self.latencies.doubt.feel(stamp, h, (felt[2], steered), speed)
+
+    @property
+    def apart(self) -> Apart | None:
+        return None if self.latencies is None else self.latencies.doubt.apart
 
     def settle(self, timeline: Timeline) -> None:
         latencies = self.latencies
