@@ -18,6 +18,7 @@ from vsense_ros.model.handling.base import car_numbers
 from vsense_ros.model.vehicle import Vehicle
 from vsense_ros.runner import Runner
 from vsense_ros.runner.latency import Latencies
+from vsense_ros.runner.place_lag import PlaceLag
 
 SECOND = 1_000_000_000
 SPEED = 15.0  # [m/s]
@@ -166,6 +167,27 @@ def test_a_lag_is_doubted_until_readings_show_that_there_is_none_or_it_is_taken_
     assert driven({"imu": 0.15}, seconds=5.0).doubt.lags[0] == pytest.approx(0.15, abs=0.07)
     for late in ({}, {"imu": 0.15}):
         assert driven(late, seconds=20.0).doubt.lags[0] < 0.05
+
+
+@pytest.mark.parametrize("late", [0.0, 0.3])
+def test_the_lag_of_fixes_is_found_beside_velocities_that_have_a_bias(late: float) -> None:
+    fixes, rng = PlaceLag(), np.random.default_rng(SEED)
+
+    def velocity(t: np.ndarray) -> np.ndarray:
+        _, heading = turning(t)
+        return np.column_stack([SPEED * np.cos(heading), SPEED * np.sin(heading)])
+
+    fine = np.arange(-1.0, 40.0, 0.001)
+    way = np.cumsum(velocity(fine) * 0.001, axis=0)
+    for k, t in enumerate(np.arange(0.0, 40.0, 0.1)):
+        place = [np.interp(t - late, fine, axis) for axis in way.T] + 0.3 * rng.standard_normal(2)
+        seen = velocity(np.array([t]))[0] + 0.03 * rng.standard_normal(2) + 0.05
+        fixes.hear(Event(0, 100 * SECOND + k * SECOND // 10, place, np.ones(2)), is_place=True)
+        fixes.hear(Event(0, 100 * SECOND + k * SECOND // 10, seen, np.ones(2)), is_place=False)
+    found = fixes.lag()
+    assert found is not None
+    assert found[0] == pytest.approx(late, abs=3 * found[1])
+    assert found[1] < 0.03
 
 
 def test_readings_that_nobody_looks_at_are_not_kept_for_ever() -> None:

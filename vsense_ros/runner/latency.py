@@ -1,9 +1,10 @@
 """How late each sensor's stamps are, estimated while the car drives.
 
 Sensors of one car measure one motion: gyro, rear wheels, course over ground and steering angle how it turns, the
-accelerometer, wheels and speed over ground how it gains speed. By how much one is later than another is where the two
-correlate best (Knapp & Carter 1976, "The generalized correlation method for estimation of time delay", IEEE Trans.
-ASSP 24), and its variance follows from the curvature of the correlation there and from what is left unexplained,
+accelerometer, wheels and speed over ground how it gains speed, and fixes where it is (`place_lag`). By how much one is
+later than another is where the two correlate best (Knapp & Carter 1976, "The generalized correlation method for
+estimation of time delay", IEEE Trans. ASSP 24), and its variance follows from the curvature of the correlation there
+and from what is left unexplained,
 
     σ² = ((1 - ρ²) / n + e²) / (ρ |ρ''|)    with n independent values and a share e of the motion that is distorted.
 
@@ -33,6 +34,7 @@ from vsense_ros.model.handling.base import car_numbers
 from vsense_ros.model.sensors import SensorBase, place_of
 from vsense_ros.model.vehicle import Vehicle
 from vsense_ros.runner.lag_doubt import GAIN, TURN, LagDoubt
+from vsense_ros.runner.place_lag import PlaceLag
 
 Array = NDArray[np.float64]
 
@@ -155,6 +157,7 @@ class Latencies:
         self._ahead = self._car["to_rear"] + ahead  # [m] of the antenna, of the rear axle
         self.late: dict[int, Late] = {}
         self.by_sensor: dict[int, Late] = {}
+        self._position, self._fixes = place_of(every, "position"), PlaceLag()
         pairs = [pair for pair in combinations(self._motions, 2) if self._steering not in pair]
         keys = product(pairs, (TURN, GAIN))
         usual = {(pair, motion): self._unmodelled(pair, motion, LATENCY.usual_speed) for pair, motion in keys}
@@ -168,6 +171,8 @@ class Latencies:
         heard = self._heard.get(event.sensor)
         if heard is not None:
             heard.append((event.stamp, event.value))
+        if self._position >= 0 <= self._course and event.sensor in (self._position, self._course):
+            self._fixes.hear(event, is_place=event.sensor == self._position)
 
     def look(self, now: int) -> bool:
         """Estimate all lags anew if it is time [ns]; True if others are late now."""
@@ -183,6 +188,7 @@ class Latencies:
             return False
         self._take_in(now)
         self._before, self.by_sensor = self.by_sensor, self._adjusted(now)
+        self._compare_fixes()
         return self._decide()
 
     def _begin(self, now: int) -> None:
@@ -193,6 +199,7 @@ class Latencies:
             self._heard[i].clear()
         self.by_sensor, self._before = {}, {}
         self.doubt.forget()
+        self._fixes.forget()
 
     def _take_in(self, now: int, besides: int = -1) -> None:
         """Make motions of what was heard, besides one sensor."""
@@ -290,6 +297,16 @@ class Latencies:
         deviations[self._inertial] = min(deviations.values())
         in_time = self._in_time(values)
         return {i: Late(values[i] - values[in_time], deviations[i]) for i in values}
+
+    def _compare_fixes(self) -> None:
+        """Find how late fixes are, once it is known that the velocities they are compared with are used in time."""
+        course = self.by_sensor.get(self._course)
+        if course is None or self._position < 0:
+            return
+        used = self.late[self._course].seconds if self._course in self.late else 0.0
+        later = self._fixes.lag() if abs(course.seconds - used) < LATENCY.agreeing else None
+        if later is not None:
+            self.by_sensor[self._position] = Late(used + later[0], later[1])
 
     def _in_time(self, lags: Mapping[int, float]) -> int:
         """The place of the sensor that most others agree with: of equally many the inertial one, as it is the one that

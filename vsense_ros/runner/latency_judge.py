@@ -98,10 +98,17 @@ class LatencyJudge(Judge):
             ahead[:0] = self._doubted(ahead[0].stamp, changes)
 
     def _doubted(self, stamp: int, changes: dict[int, int]) -> list[Event]:
-        """Events at a time [ns] by which the filter doubts its motion, and the biases of inertial sensors."""
-        apart = Apart(SETTINGS.doubted, SETTINGS.sideways * SETTINGS.doubted)
-        widened = self._adapter.doubted_motion(apart, SETTINGS.doubted * SETTINGS.windows[0])
-        events = [widening_event(self._shift, stamp, one) for one in widened]
+        """Events at a time [ns] by which the filter doubts its motion, or, where fixes alone have another time, its
+        place; and the biases of inertial sensors."""
+        if all("position" in self._adapter.measures(index) for index, change in changes.items() if change):
+            later = max(map(abs, changes.values())) * 1e-9
+            apart, way = Apart(), abs(self._adapter.forward_speed) * later
+        else:
+            apart, way = (
+                Apart(SETTINGS.doubted, SETTINGS.sideways * SETTINGS.doubted),
+                SETTINGS.doubted * SETTINGS.windows[0],
+            )
+        events = [widening_event(self._shift, stamp, one) for one in self._adapter.doubted_motion(apart, way)]
         for index, axes in self._vote.axes.items():
             for axis in range(len(axes.words)) if index in changes else ():
                 bias = self._adapter.bias(index, axis, 0.0)
