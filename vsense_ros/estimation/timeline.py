@@ -201,6 +201,11 @@ class Timeline:
         """Stamp before which nothing is kept [ns]."""
         return max(self.stamp - self.reach, self._history[0].stamp)
 
+    @property
+    def present(self) -> int:
+        """Stamp of the state of the filter [ns], from which what is ahead goes on."""
+        return self._history[-1].stamp
+
     def add(self, event: Event) -> bool:
         """Use an event that is not older than `oldest`; True if it came late. What follows a late one is done again
         when the newest state is next needed: `catch_up`."""

@@ -90,10 +90,9 @@ class LatencyJudge(Judge):
         changes = {i: self._late.get(i, 0) - before.get(i, 0) for i in {*before, *self._late}}
         ahead = timeline.rewind(timeline.stamp - VOTE.look_back)
         self._vote.reconsider(0, ahead)
-        oldest = timeline.oldest
         for event in ahead:
             event.stamp -= changes.get(event.sensor, 0)
-        ahead[:] = sorted((event for event in ahead if event.stamp >= oldest), key=attrgetter("stamp"))
+        ahead[:] = sorted((event for event in ahead if event.stamp >= timeline.present), key=attrgetter("stamp"))
         if ahead:
             ahead[:0] = self._doubted(ahead[0].stamp, changes)
 
