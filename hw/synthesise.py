@@ -20,6 +20,7 @@ import time
 from pathlib import Path
 
 from vsense_ros.accelerator.kernels import KERNELS
+from vsense_ros.accelerator.kernels.row_combiner import RowCombiner
 
 HERE = Path(__file__).parent
 RTL = HERE / "rtl"
@@ -148,7 +149,13 @@ def main() -> None:
         raise SystemExit(__doc__)
     kind, names = sys.argv[1], sys.argv[2:]
     if kind == "xc7":
-        for name in names or list(KERNELS):
+        for name in names or [*KERNELS, RowCombiner.name]:
+            if name == RowCombiner.name:  # its programs are of any length: it stands alone
+                for variant, parameters in RowCombiner.variants.items():
+                    found = xc7(name, parameters)
+                    record(RECORDS / "resources.json", f"{name}/{variant}", found)
+                    print(f"{name:18} {variant:18} {found}", flush=True)
+                continue
             kernel = KERNELS[name]
             for variant, parameters in kernel.variants.items():
                 found = xc7(kernel.top, parameters) | {"cycles": kernel.cycles(**parameters)}
@@ -159,9 +166,11 @@ def main() -> None:
             print(f"{name:18} {'with AXI':18} {found}", flush=True)
         print(together())
         return
-    for name in names or [*UNITS, "body_mass", "suspension_motion", "solve14"]:
+    for name in names or [*UNITS, "body_mass", "suspension_motion", "solve14", RowCombiner.name]:
         if name in UNITS:
             found = ecp5(name, {}, alone=True)
+        elif name == RowCombiner.name:
+            found = ecp5(name, {}, alone=False)
         else:
             kernel = KERNELS[name]
             found = ecp5(kernel.top, kernel.parameters, alone=False)

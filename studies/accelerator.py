@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from studies.accelerated_covariance import compare
 from studies.implementation import (
     Implementation,
     every_case,
@@ -199,6 +200,8 @@ def results(
         faults = under_faults(asked, done)
     with progress("units of FMI") as done:
         fmi = units(vehicle, done)
+    with progress("covariance in binary32") as done:
+        covariance = compare(vehicle, generate("double_lane_change", vehicle), 4.0, done)
     return {
         "kernels": content,
         "node": nodes,
@@ -206,6 +209,7 @@ def results(
         "timing_ecp5_mhz": {name: entry["mhz"] for name, entry in recorded("timing").items()},
         **{name: written(Path(f"out/{name}.json")) for name in ("arm", "formal", "exports")},
         "fmu": fmi,
+        "covariance": asdict(covariance),
         "faults": {kind: asdict(one) for kind, one in faults.items()},
     }, rows
 

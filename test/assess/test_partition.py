@@ -2,13 +2,17 @@
 
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from vsense_ros.accelerator.kernels import KERNELS
-from vsense_ros.assess.covariance_kernel import Lanes, correction_requests, model_of, step_requests
+from vsense_ros.assess.covariance_kernel import accelerated, maps_of, programs
+from vsense_ros.assess.flop import flop_of_covariance
 from vsense_ros.assess.partition import RESOURCES, load_device, partition, profile
 from vsense_ros.errors import InputError
 from vsense_ros.files.vehicle import load_vehicle
+from vsense_ros.observer.car_blocks import CarBlocks
+from vsense_ros.observer.sensors import sensors_of
 
 ROOT = Path(__file__).parents[2]
 VEHICLE = load_vehicle(ROOT / "config/vehicles/prototype_model.yaml")
@@ -106,24 +110,36 @@ def test_what_an_observer_does_is_the_sum_of_its_parts():
     assert step.flop - without == pytest.approx(saved)
 
 
-def test_no_lane_of_the_modelled_covariance_kernel_computes_more_than_a_product_in_a_clock():
-    """Bounds of its clocks that need no schedule: all products by all lanes, and one lane alone."""
-    for lanes in (Lanes(count=1), Lanes(count=8), Lanes(count=15)):
-        for one in step_requests(59, lanes), correction_requests(59, 6, 43, False, lanes):
-            products, clocks = (sum(getattr(part, name) for part in one) for name in ("products", "clocks"))
-            assert clocks * lanes.count > products
-            assert clocks < 10 * products / lanes.count + 1500
+def test_no_lane_of_the_covariance_kernel_computes_more_than_a_product_in_a_clock():
+    """A bound of its clocks that needs no schedule: half of all products of F P Fᵀ and of corrections by all lanes."""
+    n, sixteen = 52, programs(VEHICLE, 16)
+    assert sixteen.size >= n
+    assert 16 * sixteen.clocks > 0.5 * flop_of_covariance(VEHICLE)
+    assert sixteen.clocks < programs(VEHICLE, 8).clocks < 2 * sixteen.clocks
 
 
-def test_a_step_of_the_covariance_has_fewer_products_than_one_with_whole_matrices():
-    products = sum(part.products for part in step_requests(59, Lanes()))
-    assert products < 0.5 * 2 * 59**3, "F P F' costs two products of 59 by 59"
+def test_maps_one_after_the_other_are_the_transition_of_the_car():
+    car = CarBlocks(VEHICLE, sensors_of(VEHICLE))
+    car.start(car.rolling(15.0))
+    car.linearize()
+    car.step(0.004)
+    decay = car.process(0.004).decay
+    product = np.eye(car.layout.size)
+    for one in maps_of(car, 0.004, decay):
+        f = np.eye(car.layout.size)
+        f[one.rows] = one.matrix
+        product = f @ product
+    assert product == pytest.approx(car.transition(0.004, decay), abs=1e-14)
+
+
+def test_a_step_of_the_covariance_has_fewer_operations_than_one_with_whole_matrices():
+    assert flop_of_covariance(VEHICLE) < 4 * 59**3, "F P F' costs two products of 59 by 59"
 
 
 def test_a_covariance_kernel_pays_on_the_thesis_s_device_though_its_link_costs():
     device = load_device("xc7z020")
-    model, free = (model_of(VEHICLE, d, 3.0) for d in (device, device.model_copy(update={"setup_us": 0.0})))
+    model, free = (accelerated(VEHICLE, d, 3.0) for d in (device, device.model_copy(update={"setup_us": 0.0})))
     assert model.step_us < 0.7 * model.alone_us
     assert model.accelerator_us - free.accelerator_us == pytest.approx(10.0 * model.requests)
-    slow = model_of(VEHICLE, device.model_copy(update={"setup_us": 300.0}), 3.0)
+    slow = accelerated(VEHICLE, device.model_copy(update={"setup_us": 300.0}), 3.0)
     assert slow.step_us > slow.alone_us

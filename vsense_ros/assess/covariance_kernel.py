@@ -1,37 +1,36 @@
-"""What a kernel for the errorEKF's covariance would gain: a model of its clocks, beside counted operations.
+"""What the kernel of the errorEKF's covariance gains: its clocks, beside the operations that it is in place of.
 
-There are no sources of this kernel. Its schedule is that of the units of hw/rtl: P lanes, each with a product and a sum
-of binary32 in every clock and every P-th column of the covariance in a memory of its own. The covariance stays there. A
-step sends what changes it; each sensor sends the rows of its Jacobian, its innovation and variances, and gets the error
-of the state, and for the parameters of an SPI the gain. After the last sensor the covariance is read for what is
-published. What is missing: sources and their bits, resources by Yosys, the clock by place and route, and the estimates
-with a covariance in binary32 beside the rest in double precision.
+The programs are those that `AcceleratedCovariance` makes of a step and of corrections of the car, and the kernel's mock
+counts their clocks, those of words among them. The covariance stays in the accelerator; after the last sensor it is
+read for what is published.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from dataclasses import dataclass
 
-from vsense_ros.assess.flop import flop_of_covariance
+import numpy as np
+from numpy.typing import NDArray
+
+from vsense_ros.accelerator.covariance import AcceleratedCovariance, Map
+from vsense_ros.accelerator.kernels.row_combiner import RowCombiner
+from vsense_ros.assess.flop import factored, flop_of_covariance
 from vsense_ros.assess.partition import Device, profile
-from vsense_ros.model.coordinates import COORDINATES, ROAD, SURFACE
+from vsense_ros.model.coordinates import ATTITUDE, COORDINATES, POSE, ROAD_HEIGHT
 from vsense_ros.model.vehicle import Vehicle
+from vsense_ros.observer.car_blocks import TWIST_SIZE, CarBlocks
+from vsense_ros.observer.car_memory import SLOW
 from vsense_ros.observer.sensors import sensors_of
-from vsense_ros.observer.state import FOLLOWED, GAIN_COLUMNS, U, layout
+from vsense_ros.observer.state import FORM, GAIN_COLUMNS, ROAD_STATES, TWIST, Q, U
+
+Array = NDArray[np.float64]
+
+STEP = 0.004  # [s] in which the moment is looked at whose programs are counted; their form is the same in every step
+SPEED = 20.0  # [m/s]
 
 
 @dataclass(frozen=True)
-class Request:
-    """Products of the processor, each with its sum, that a request is in place of; clocks of the kernel, and words."""
-
-    products: float
-    clocks: float
-    words: int
-
-
-@dataclass(frozen=True)
-class CovarianceModel:
+class AcceleratedStep:
     """A step with and without the kernel [µs]; `accelerator_us` is within the former, and `processor_us` the rest."""
 
     lanes: int
@@ -48,77 +47,58 @@ class CovarianceModel:
         return self.processor_us + self.accelerator_us
 
 
-@dataclass(frozen=True)
-class Lanes:
-    """How many columns there are in a clock, and clocks until a sum may be used (a product, a sum, and the memory)."""
-
-    count: int = 15
-    latency: int = 14
-    division: int = 16  # clocks of a quotient; those of a root are taken to be twice as many
-    half: float = 0.5  # of what is symmetric
-    filled: int = 20  # columns of a Jacobian that are not zero, of a sensor without accelerations
-
-    def rows(self, rows: int, terms: int, width: int, share: float = 1.0) -> Request:
-        """`rows` rows of so many columns, each a sum of terms: as many sums at once as the latency hides. The processor
-        makes a `share` of the products: half of what is symmetric, and none with zeros."""
-        slots = rows * terms * -(-width // self.count)
-        return Request(share * rows * terms * width, max(slots, terms * self.latency) + self.latency, 0)
-
-
-def step_requests(n: int, lanes: Lanes) -> list[Request]:
-    """The parts of a step of the covariance, as `propagate` of observer/car_blocks.c has them."""
-    q, gain, slow = COORDINATES, len(GAIN_COLUMNS), n - U.stop
-    road, followed = ROAD.stop - ROAD.start, len(FOLLOWED)
-    pose = 3 + 6 + SURFACE.stop - SURFACE.start  # attitude, velocities, form of the road
-    words = q * gain + 6 * pose + road * followed + 2 * slow + 8
-    velocities = [lanes.rows(q, gain, n), lanes.rows(q, gain, q, lanes.half)]  # with all, then with themselves
-    coordinates = [lanes.rows(6, pose, width) for width in (n, q)] + [lanes.rows(q - 6, 1, width) for width in (n, q)]
-    surface = [lanes.rows(road, followed, n), lanes.rows(road, followed, road, lanes.half)]
-    return [*velocities, *coordinates, *surface, lanes.rows(slow, 1, n, lanes.half), Request(0, 0, words)]
+def maps_of(car: CarBlocks, h: float, decay: Array) -> list[Map]:
+    """The step of the covariance within `h` [s], one map after the other, as `propagate` of observer/car_blocks.c: the
+    velocities, the coordinates that follow them, the road, and what decays (n - 28,). The car has made the step."""
+    n = car.layout.size
+    velocities, follow, road = (
+        np.zeros((COORDINATES, n)),
+        np.eye(n)[Q],
+        np.zeros((ROAD_STATES.stop - ROAD_STATES.start, n)),
+    )
+    velocities[:, GAIN_COLUMNS] = car.gain
+    by_angles, by_velocity, by_road, *_ = car.kinematics.results
+    follow[POSE, ATTITUDE] += h * by_angles
+    follow[POSE, TWIST] += h * by_velocity
+    follow[POSE, FORM] += h * by_road
+    follow[POSE.stop :, TWIST.stop : U.stop] += h * np.eye(Q.stop - POSE.stop)
+    road[:, TWIST], road[:, FORM] = car.road_map[:, :TWIST_SIZE], car.road_map[:, TWIST_SIZE:]
+    road[ROAD_HEIGHT, ROAD_STATES.start + ROAD_HEIGHT] = 1.0
+    slow = SLOW + np.flatnonzero(decay != 1.0)
+    maps = [Map.between(U.start, velocities), Map.between(Q.start, follow), Map.between(ROAD_STATES.start, road)]
+    return [*maps, Map(slow, decay[slow - SLOW, None] * np.eye(n)[slow])]
 
 
-def correction_requests(n: int, size: int, columns: int, learns: bool, lanes: Lanes) -> list[Request]:
-    """The parts of a correction by a sensor with so many components, whose Jacobian has so many columns."""
-    triangle = size * (size + 1) // 2
-    factored = size * (3 * lanes.division + size * lanes.latency)  # one element after the other
-    words = size * (columns + 2) + 2 + n + size + triangle + 2 + (size * n if learns else 0)
-    share = 1.0 if columns >= len(GAIN_COLUMNS) else lanes.filled / columns
-    return [
-        lanes.rows(size, columns, n, share), lanes.rows(size, size, n, lanes.half), Request(size**3 / 6, factored, 0),
-        lanes.rows(size, (size + 1) // 2, n), lanes.rows(1, size, n), lanes.rows(n, size, n, lanes.half),
-        *([lanes.rows(size, (size + 1) // 2, n)] if learns else []), Request(0, 0, words),
-    ]  # fmt: skip
-
-
-def requests(vehicle: Vehicle, lanes: Lanes) -> Iterator[Request]:
-    """The requests of a step with every sensor once: the step, each sensor, and the covariance that is read."""
-    sensors, learns = sensors_of(vehicle), bool(vehicle.observer.parameters)
-    n = layout(sensors).size
-    yield _together(step_requests(n, lanes))
-    for sensor in sensors.values():
+def programs(vehicle: Vehicle, lanes: int) -> AcceleratedCovariance:
+    """What has counted the clocks of a step with every sensor once."""
+    sensors = sensors_of(vehicle)
+    car = CarBlocks(vehicle, sensors)
+    car.start(car.rolling(SPEED))
+    car.linearize()
+    car.step(STEP)
+    covariance = AcceleratedCovariance(car.layout.size, RowCombiner(lanes).run, lanes)
+    process = car.process(STEP)
+    noisy = SLOW + np.flatnonzero(process.noise)
+    covariance.predict(maps_of(car, STEP, process.decay), noisy, noisy, process.noise[noisy - SLOW])
+    for name, sensor in sensors.items():
         if not sensor.is_input:
-            columns = len(GAIN_COLUMNS) if sensor.uses_acceleration else len(GAIN_COLUMNS) - COORDINATES
-            columns += bool(sensor.biases())
-            yield _together(correction_requests(n, len(sensor.deviations()), columns, learns, lanes))
-    yield Request(0, 0, n * (n + 1) // 2)
+            _, jacobian = car.sense(name, np.zeros(len(sensor.deviations())))
+            covariance.project(jacobian)
+            covariance.subtract(np.eye(len(jacobian)))
+    covariance.read()
+    return covariance
 
 
-def _together(parts: list[Request]) -> Request:
-    return Request(*(sum(getattr(part, name) for part in parts) for name in ("products", "clocks", "words")))
+def accelerated(vehicle: Vehicle, device: Device, iterations: float, lanes: int = 16) -> AcceleratedStep:
+    """A step of the simplified car's observer with every sensor in it.
 
-
-def model_of(vehicle: Vehicle, device: Device, iterations: float, lanes: Lanes | None = None) -> CovarianceModel:
-    """A step of the simplified car's observer, of an SPI where the vehicle lists parameters, with every sensor in it.
-
-    What the processor does for the covariance is counted as observer/car_blocks.c does it without vectors, which is
-    less than `flop_of_covariance`, of whole matrices. Processor and kernel never work at the same time.
+    The processor factors what each sensor is compared by, H P Hᵀ + R, with its inverse, and corrects the state. It
+    never works at the same time as the kernel.
     """
-    chosen = lanes or Lanes()
-    every = list(requests(vehicle, chosen))
-    clocks, words = round(sum(one.clocks for one in every)), sum(one.words for one in every)
-    covariance = 2.0 * sum(one.products for one in every)
-    rest = profile(vehicle, False, iterations).flop - flop_of_covariance(vehicle)
-    per_clock = max(1, device.stream_bits // 32)
-    accelerator = len(every) * device.setup_us + (clocks + words / per_clock) / device.clock_mhz
+    done = programs(vehicle, lanes)
+    covariance = flop_of_covariance(vehicle)
+    rest = profile(vehicle, False, iterations).flop - covariance + factored(vehicle)
+    accelerator = done.requests * device.setup_us + done.clocks / device.clock_mhz
     processor, spent = device.processor_us(rest), device.processor_us(covariance)
-    return CovarianceModel(chosen.count, processor + spent, processor, accelerator, spent, clocks, words, len(every))
+    alone = device.processor_us(profile(vehicle, False, iterations).flop)
+    return AcceleratedStep(lanes, alone, processor, accelerator, spent, done.clocks, done.words, done.requests)

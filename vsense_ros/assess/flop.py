@@ -13,15 +13,17 @@ from vsense_ros.model.car.car import car_of
 from vsense_ros.model.car.full_car import FullCar
 from vsense_ros.model.car.parts import CarInParts
 from vsense_ros.model.car.steps import sensor_function
-from vsense_ros.model.coordinates import COORDINATES, WHEELS
+from vsense_ros.model.coordinates import COORDINATES, POSE, WHEELS
 from vsense_ros.model.multibody.augmented_lagrangian import Equations
 from vsense_ros.model.multibody.mechanism import Linkage
 from vsense_ros.model.multibody.semi_recursive import Motion
 from vsense_ros.model.vehicle import Vehicle
+from vsense_ros.observer.car_memory import SLOW
 from vsense_ros.observer.sensors import sensors_of
 from vsense_ros.observer.spi import FILTERS, equations_of
-from vsense_ros.observer.state import layout
+from vsense_ros.observer.state import FOLLOWED, GAIN_COLUMNS, ROAD_STATES, layout
 
+FILLED = 20  # columns of a Jacobian that are not zero, of a sensor without accelerations
 BODY_FLOP = 93  # of R J Rᵀ and m R s
 
 
@@ -38,13 +40,40 @@ def flop_of_filter(vehicle: Vehicle) -> float:
 
 
 def flop_of_covariance(vehicle: Vehicle) -> float:
-    """Operations on the covariance in a step of the filter, with whole matrices: its step, and corrections by every
-    sensor."""
-    sensors = sensors_of(vehicle)
-    n, model = layout(sensors).size, 14
-    moved = 2 * model * (39 + n) * n  # rows of the velocities, and of the coordinates that follow them
-    corrected = sum(2 * len(s.deviations()) * n * (n + 20) for s in sensors.values() if not s.is_input)
-    return float(moved + corrected)
+    """Operations on the covariance in a step of the filter and corrections by every sensor, as observer/car_blocks.c
+    makes them without vectors: of what is symmetric one half, and none with zeros."""
+    n = layout(sensors_of(vehicle)).size
+    q, gain, slow, road, followed = (
+        COORDINATES,
+        len(GAIN_COLUMNS),
+        n - SLOW,
+        ROAD_STATES.stop - ROAD_STATES.start,
+        len(FOLLOWED),
+    )
+    pose = POSE.stop - POSE.start
+    products = q * gain * (n + q / 2)
+    products += pose * (followed + 3) * (n + q) + (q - pose) * (n + q)
+    products += road * followed * (n + road) + slow * (n + SLOW)
+    learns = bool(vehicle.observer.parameters)
+    for m, columns in _corrections(vehicle):
+        products += m * columns * n + m * m * n / 2 + m**3 / 6  # H P, its product with H, and that factored
+        products += m * (m + 1) / 2 * n * (2 if learns else 1) + n * m * n / 2  # in independent units, and subtracted
+    return 2.0 * products
+
+
+def factored(vehicle: Vehicle) -> float:
+    """Of these, those that the processor is left with where a kernel keeps the covariance: H P Hᵀ + R, factored, and
+    the factor's inverse; for the parameters of an SPI the gain, too."""
+    n, learns = layout(sensors_of(vehicle)).size, bool(vehicle.observer.parameters)
+    each = [m * m * columns / 2 + m**3 / 3 + learns * m * (m + 1) / 2 * n for m, columns in _corrections(vehicle)]
+    return 2.0 * sum(each)
+
+
+def _corrections(vehicle: Vehicle) -> list[tuple[int, int]]:
+    """Components of each sensor, and how many columns of its Jacobian are not zero."""
+    columns = {True: len(GAIN_COLUMNS) + 1, False: FILLED}
+    sensors = (s for s in sensors_of(vehicle).values() if not s.is_input)
+    return [(len(s.deviations()), columns[s.uses_acceleration]) for s in sensors]
 
 
 def operations(function: ca.Function) -> int:

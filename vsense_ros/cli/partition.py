@@ -54,14 +54,14 @@ def partition(vehicle: str, device: str, full: bool, iterations: float | None) -
         )  # fmt: skip
     console().print(table)
     if not full:
-        from vsense_ros.assess.covariance_kernel import model_of
+        from vsense_ros.assess.covariance_kernel import accelerated
 
-        model = model_of(car, board, iterations)
+        with_it = accelerated(car, board, iterations)
         say(
-            f"A kernel for the covariance ({model.lanes} lanes), of which there is a model and no source, would take "
-            f"{model.clocks} clocks and {model.words} words a step in {model.requests} requests, "
-            f"{model.accelerator_us:.0f} µs, for {model.covariance_us:.0f} µs of the processor: a step of "
-            f"{model.step_us:.0f} µs in place of {model.alone_us:.0f} µs."
+            f"The kernel of the covariance ({with_it.lanes} lanes), which no observer uses yet, would take "
+            f"{with_it.clocks} clocks a step in {with_it.requests} requests, {with_it.accelerator_us:.0f} µs, for "
+            f"{with_it.covariance_us:.0f} µs of the processor: a step of {with_it.step_us:.0f} µs in place of "
+            f"{with_it.alone_us:.0f} µs."
         )
     if not result.chosen:
         say("Nothing is recommended: no kernel that fits gains more than its link costs.")
