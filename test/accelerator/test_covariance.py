@@ -126,6 +126,22 @@ def test_the_hardware_gives_the_bits_and_the_clocks_of_the_mock(lanes):
             assert not wrong.size, (n, wrong[:5], computed[wrong[:5]], expected[wrong[:5]])
 
 
+@pytest.mark.exam
+@pytest.mark.skipif(bool(missing()), reason=f"needs {', '.join(missing())}: make hw-tools")
+def test_after_a_reset_of_one_clock_at_any_time_the_next_program_is_right():
+    random = np.random.default_rng(3)
+    rtl, n = RowCombinerRtl(16), 20
+    for program, *_ in programs(n, 16, random, 60):
+        cut = program.end(0, 3)
+        rtl.cut(cut, int(random.integers(1, 2 * cut.size)))
+        fresh, mock = Program(n), RowCombiner()
+        fresh.write(0, random.standard_normal((RowCombiner.ROWS, n)))  # what was cut may have written some of it
+        fresh.combine(64, random.standard_normal((3, 5)), random.integers(0, n, 3))
+        fresh.subtract_outer(70, 4)
+        words = fresh.end(0, 70)
+        assert np.array_equal(rtl.run(words, fresh.words_out), mock.run(words))
+
+
 def canonical(words):
     """Every NaN with one pattern: what is moved keeps its own."""
     return np.where(np.isnan(words.view(np.float32)), np.uint32(0x7FC00000), words)

@@ -39,6 +39,23 @@ void rtl_delete(Instance* instance) {
 
 uint64_t rtl_clocks(Instance* instance) { return instance->clocks; }
 
+// Feeds words for so many clocks, and then resets for one.
+void rtl_cut(Instance* instance, const uint32_t* words, int count, int clocks) {
+  TOP& top = instance->top;
+  top.m_tready = 1;
+  for (int i = 0, k = 0; i < clocks; i++) {
+    top.s_tvalid = k < count;
+    top.s_tdata = k < count ? words[k] : 0;
+    if (top.s_tready) k++;
+    tick(instance);
+  }
+  top.s_tvalid = 0;
+  top.rst_n = 0;
+  tick(instance);
+  top.rst_n = 1;
+  tick(instance);
+}
+
 void rtl_table(Instance* instance, const uint32_t* words, int count) {
 #ifdef HAS_TABLE
   TOP& top = instance->top;

@@ -65,6 +65,11 @@ class Simulation:
             raise RuntimeError(f"{self.name} did not end within a million clocks")
         return results, refused, cycles
 
+    def cut(self, words: Words, clocks: int) -> None:
+        """Begin with a request (k,), and reset for one clock after so many."""
+        given = np.ascontiguousarray(words, np.uint32)
+        self._library.rtl_cut(self._handle, ctypes.c_void_p(given.ctypes.data), given.size, clocks)
+
     @property
     def clocks(self) -> int:
         """Clock cycles of all requests so far, loading and unloading included."""
