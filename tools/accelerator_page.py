@@ -142,7 +142,7 @@ def page(content: dict[str, Any]) -> str:
             + [[k, *(f"{v[p]:.1f} %" for p in HIS_SHARES)] for k, v in content["shares"].items()],
         ),
         "Ours are shares of counted operations. Covariance, linearisation and corrections of 52 states, which he did "
-        "not list, take most of the rest: that is what an accelerator of this observer would have to compute first.",
+        "not list, take most of the rest: that is what an accelerator of this observer has to compute first.",
         "",
     ]
     return "\n".join(parts)
