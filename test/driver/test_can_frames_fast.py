@@ -12,7 +12,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from vsense_ros.driver.can_frames import CanFrames
-from vsense_ros.driver.can_frames_fast import asc_frames, blf_frames
+from vsense_ros.driver.can_frames_fast import _objects, asc_frames, blf_frames
 from vsense_ros.driver.can_log import CanLog, _one_by_one, read_can_log, read_frames
 from vsense_ros.errors import InputError
 
@@ -138,3 +138,10 @@ def test_lines_of_another_format_in_an_asc_file_are_told(tmp_path: Path) -> None
     found = read_frames(path)
     assert len(found) == 60
     assert [loss.partition(": ")[2] for loss in found.losses] == ["'Time,Speed'", '\'"0.010","72.0"\'']
+
+
+def test_a_block_without_an_object_is_left_to_python_can_and_an_empty_one_has_no_frames() -> None:
+    assert _objects(b"no object here") is None
+    none = _objects(b"")
+    assert none is not None
+    assert [len(part) for part in none] == [0] * 5
