@@ -10,11 +10,20 @@ from vsense_ros.estimation.source import Source
 from vsense_ros.messages.diagnostic import Diagnostic, Level
 
 PATIENCE = 2_000_000_000  # [ns] of refusals in a row, after which it may be the filter that is wrong, and
-_REFUSALS = 5  # at least so many
-_RECENT = 512  # stamps kept, to tell a repeated message from one that was overtaken
-_PERIODS = 10.0  # without a message, after which a sensor is silent, but not before
-_SHORTEST = 0.15  # [s], in which an operating system, or the end of a recording, may well hold messages back
-_SHARE = 0.05  # of the newest interval in the mean of intervals
+
+
+@dataclass(frozen=True)
+class HealthSettings:
+    """When a sensor counts as silent or as contradicted: decisions of this project."""
+
+    refusals: int = 5  # at least so many
+    recent: int = 512  # stamps kept, to tell a repeated message from one that was overtaken
+    periods: float = 10.0  # without a message, after which a sensor is silent, but not before
+    shortest: float = 0.15  # [s], in which an operating system, or the end of a recording, may well hold messages back
+    share: float = 0.05  # of the newest interval in the mean of intervals
+
+
+SETTINGS = HealthSettings()
 
 
 @dataclass
@@ -42,19 +51,19 @@ class Health:
     noisier: Mapping[int, tuple[float, float]] = field(default_factory=dict)  # components, as of `SensorNoise`
     complete_at: int = 0  # stamp of the newest measurement that had all components [ns]
     component_at: dict[int, int] = field(default_factory=dict)  # of each of others [ns], 0: it never came
-    stamps: deque[int] = field(default_factory=lambda: deque(maxlen=_RECENT))
+    stamps: deque[int] = field(default_factory=lambda: deque(maxlen=SETTINGS.recent))
 
     def receive(self, arrival: int, sensor: Source) -> None:
         """A message has arrived [ns]."""
         gap = (arrival - self.last_received) * 1e-9
         if self.last_received and gap > 0:
             # No silence that counts is shorter, and this comparison costs less.
-            if gap > min(_SHORTEST, sensor.timeout) and gap > self.longest_silence(sensor):
+            if gap > min(SETTINGS.shortest, sensor.timeout) and gap > self.longest_silence(sensor):
                 self.back = arrival
             elif not self.period:
                 self.period = gap
             else:
-                self.period += _SHARE * (gap - self.period)
+                self.period += SETTINGS.share * (gap - self.period)
         self.last_received = arrival
 
     def lacks(self, value: list[float], stamp: int) -> None:
@@ -74,7 +83,7 @@ class Health:
         """Silence after which the sensor counts as lost [s]: ten periods, its `timeout` at most."""
         if not self.period:
             return sensor.timeout
-        return min(sensor.timeout, max(_PERIODS * self.period, _SHORTEST))
+        return min(sensor.timeout, max(SETTINGS.periods * self.period, SETTINGS.shortest))
 
     def complain(self, why: str) -> None:
         """Keep a problem of the newest message."""
@@ -83,7 +92,7 @@ class Health:
     @property
     def contradicts(self) -> bool:
         """True if it was refused for so long that it may be the filter that is wrong."""
-        return self.refused_in_a_row >= _REFUSALS and self.refused_to - self.refused_from >= PATIENCE
+        return self.refused_in_a_row >= SETTINGS.refusals and self.refused_to - self.refused_from >= PATIENCE
 
     def diagnostic(self, name: str, sensor: Source, now: int) -> Diagnostic:
         """One line; `now` [ns] on the clock of arrivals."""

@@ -25,6 +25,7 @@ tyres, and nothing is forgotten. What GNSS, gyro, accelerometer and wheels say i
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import dataclass
 from typing import Any
 
 import casadi as ca
@@ -41,14 +42,23 @@ from vsense_ros.navigation.car_numbers import (
 from vsense_ros.navigation.inertial import LINEAR
 from vsense_ros.navigation.space import Definition, FirstReadings, NavigationSpace, drifting
 
-STIFFNESS_DRIFT = 0.2  # of ln k after one second at a slip angle of `FULL_SLIP`, over its deviation at start
-FULL_SLIP = 0.05  # [rad]
+
+@dataclass(frozen=True)
+class IntegratedSettings:
+    """What the single-track model leaves out: decisions of this project."""
+
+    stiffness_drift: float = 0.2  # of ln k after one second at a slip angle of `full_slip`, over its deviation at start
+    full_slip: float = 0.05  # [rad]
+    roll_noise: float = 0.002  # [rad/s²/√Hz] likewise, about the roll axis
+    leaning: float = 0.01  # [1/√s] of heading over the road's bank, by a gyro whose axis leans with it
+    slides: float = 3.0  # normalized slip from which a brush tyre slides
+
+
+SETTINGS = IntegratedSettings()
+
 FORCE_NOISE, MOMENT_NOISE = 0.006, 0.03  # [m/s²/√Hz], [rad/s²/√Hz] that the model lacks
-ROLL_NOISE = 0.002  # [rad/s²/√Hz] likewise, about the roll axis
-LEANING = 0.01  # [1/√s] of heading over the road's bank, by a gyro whose axis leans with it
 SLIP_ERROR_TIME, SHAKING_TIME = 1.0, 0.03  # [s]
 _KNOWN = "stiffness_deviation"
-_SLIDES = 3.0  # normalized slip from which a brush tyre slides
 
 
 class Integrated(NavigationSpace):
@@ -116,18 +126,18 @@ class Integrated(NavigationSpace):
 
     def noise(self, x: Named, u: Named, theta: Named, h: ca.SX) -> Any:
         input_noise = self.sampled(x, u, theta, h, acceleration_x=theta.acceleration_noise)
-        drift = STIFFNESS_DRIFT * theta.stiffness_deviation
+        drift = SETTINGS.stiffness_drift * theta.stiffness_deviation
         stiffness_walk: list[Any] = [
-            drift * ca.fmin(ca.fabs(slip) / FULL_SLIP, 1.0) for slip in self.slip_angles(x, u, theta)
+            drift * ca.fmin(ca.fabs(slip) / SETTINGS.full_slip, 1.0) for slip in self.slip_angles(x, u, theta)
         ]
-        drifts: list[Any] = [0.0, FORCE_NOISE, MOMENT_NOISE, LEANING * theta.road_bank, 1e-5, 1e-5, 1e-4, 1e-4]
+        drifts: list[Any] = [0.0, FORCE_NOISE, MOMENT_NOISE, SETTINGS.leaning * theta.road_bank, 1e-5, 1e-5, 1e-4, 1e-4]
         sliding = 1 + (self.auxiliary(x, u, theta)[0] / LINEAR) ** 2
         slipping = theta.slip_error * sliding
         turned = theta.steering_error * (u.steer_angle - x.steering_bias) ** 2
         strays = [error * np.sqrt(2 / SLIP_ERROR_TIME) for error in (slipping + turned, slipping)]
         bank = theta.road_bank * ca.sqrt(2 / theta.road_bank_time)
         shaking = theta.shaking_noise / SHAKING_TIME
-        walk = ca.vertcat(*drifts, *stiffness_walk, 1e-5, bank, 0.0, ROLL_NOISE, 0.0, 0.0, *strays, shaking)
+        walk = ca.vertcat(*drifts, *stiffness_walk, 1e-5, bank, 0.0, SETTINGS.roll_noise, 0.0, 0.0, *strays, shaking)
         return input_noise + ca.diag(walk**2) * h + drifting(h, *[1e-6] * 19)
 
     def begin(self, first_readings: FirstReadings) -> Mapping[str, float]:
@@ -154,7 +164,7 @@ class Integrated(NavigationSpace):
 
 def brush(linear: ca.SX, largest: ca.SX) -> ca.SX:
     """Force [N] of a tyre of which a linear one would give `linear`, and the largest is `most`."""
-    t = ca.fmin(ca.fmax(linear / largest, -_SLIDES), _SLIDES)
+    t = ca.fmin(ca.fmax(linear / largest, -SETTINGS.slides), SETTINGS.slides)
     return largest * (t - t * ca.fabs(t) / 3 + t**3 / 27)
 
 

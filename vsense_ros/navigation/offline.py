@@ -18,6 +18,7 @@ inertial sensors alone. Roads are taken to be banked by some percent at most.
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import dataclass
 from typing import Any
 
 import casadi as ca
@@ -27,14 +28,25 @@ from vsense_ros.navigation.car_numbers import ANTENNA_DEVIATION, GYRO_SCALE_DEVI
 from vsense_ros.navigation.inertial import LINEAR, TYPICAL, turning
 from vsense_ros.navigation.space import Definition, FirstReadings, NavigationSpace, drifting
 
-SLIDING = 0.3  # [m/s] by which the lateral velocity is off at each reading, besides s
+
+@dataclass(frozen=True)
+class OfflineSettings:
+    """What tyres and roads leave undetermined in the smoother's equations: decisions of this project."""
+
+    sliding: float = 0.3  # [m/s] by which the lateral velocity is off at each reading, besides s
+    limit: tuple[float, float] = (10.0, 3.0)  # [m/s²] a_max of a car on a dry road, and its deviation
+    # [m/s²/√s] by which the biases of the accelerometers drift: road along and across
+    road: tuple[float, float] = (0.5, 0.3)
+    # [rad] of slip of the rear axle, beyond which a car spins: neither axle nor wheels measure anything then
+    spun: float = 0.1
+    hard: float = 2.5  # [m/s²] along the car, beyond which wheels may lock or spin: they measure no speed then
+    least_force: float = 0.1  # [m/s²] below which |r v_x| is rounded
+
+
+SETTINGS = OfflineSettings()
+
 ASIDE, ASIDE_TIME = 0.004, 1.0  # [rad], [s] of s where the car hardly slides: tyres and body need time to follow
-LIMIT = (10.0, 3.0)  # [m/s²] a_max of a car on a dry road, and its deviation
-ROAD = (0.5, 0.3)  # [m/s²/√s] by which the biases of the accelerometers drift: road along and across
 WHEEL_SLIP, WHEEL_SLIP_TIME = 0.006, 4.0  # share and [s] of slip of the rear wheels, where a car drives and brakes
-SPUN = 0.1  # [rad] of slip of the rear axle, beyond which a car spins: neither axle nor wheels measure anything then
-HARD = 2.5  # [m/s²] along the car, beyond which wheels may lock or spin: they measure no speed then
-LEAST_FORCE = 0.1  # [m/s²] below which |r v_x| is rounded
 
 # Units of the states that are constants of sensors, road or car.
 UNITS: Mapping[str, str] = {
@@ -60,7 +72,7 @@ class Offline(NavigationSpace):
     prior: Mapping[str, float] = {
         "forward_velocity": 0.3, "lateral_velocity": 0.3, "yaw": 0.05, "east": 10.0, "north": 10.0,
         "gyro_bias": 0.02, "gyro_scale": GYRO_SCALE_DEVIATION, "acceleration_bias_x": 1.0, "acceleration_bias_y": 1.0,
-        **{name: own[1] for name, own in TYPICAL.items()}, "limit": LIMIT[1],
+        **{name: own[1] for name, own in TYPICAL.items()}, "limit": SETTINGS.limit[1],
         "lever_x": ANTENNA_DEVIATION, "lever_y": ANTENNA_DEVIATION, "delay": 0.02, "heading_offset": 0.02,
         "rolling_radius": 0.02, "wheel_slip": WHEEL_SLIP, "aside": ASIDE,
     }  # fmt: skip
@@ -86,7 +98,7 @@ class Offline(NavigationSpace):
             sideways**2 * (1 - ca.exp(-2 * h / ASIDE_TIME)),
         ]
         body = (theta.pitching_noise, theta.shaking_noise, theta.leaning)
-        walks = drifting(h, *body, 1e-3, 1e-3, 1e-5, 1e-6, *ROAD, *[0.0] * 9, 0.0, 0.0)
+        walks = drifting(h, *body, 1e-3, 1e-3, 1e-5, 1e-6, *SETTINGS.road, *[0.0] * 9, 0.0, 0.0)
         return input_noise + walks + ca.diag(ca.vertcat(ca.SX.zeros(18), *strays))
 
     def motion(self, x: Named, u: Named, theta: Named) -> dict[str, Any]:
@@ -95,7 +107,7 @@ class Offline(NavigationSpace):
     def begin(self, first_readings: FirstReadings) -> Mapping[str, float]:
         initial = {name: first_readings[name] for name in ("forward_velocity", "yaw", "east", "north", "rolling_radius")
                  if name in first_readings}  # fmt: skip
-        return {**initial, **{name: typical[0] for name, typical in TYPICAL.items()}, "limit": LIMIT[0]}
+        return {**initial, **{name: typical[0] for name, typical in TYPICAL.items()}, "limit": SETTINGS.limit[0]}
 
 
 def on_map(yaw: Any, forward: Any, lateral: Any) -> tuple[ca.SX, ca.SX]:
@@ -120,14 +132,14 @@ def _position(x: Named, z: Named, u: Named, p: Named) -> list[ca.SX]:
 def _sliding(x: Named, z: Named, u: Named, p: Named) -> ca.SX:
     rate = turning(x, u)
     force = rate * x.forward_velocity
-    f = ca.sqrt(force**2 + LEAST_FORCE**2) / x.limit
+    f = ca.sqrt(force**2 + SETTINGS.least_force**2) / x.limit
     slip = x.rear_slip * force * (1 + f / 3 + 5 * f**2 / 27 + 10 * f**3 / 81)
     return x.lateral_velocity - x.rear_distance * rate + x.forward_velocity * (slip - x.aside)
 
 
 def _rolls(x: Named, u: Named) -> ca.SX:
-    """True unless the rear axle slides by more than `SPUN`."""
-    return ca.fabs(x.lateral_velocity - x.rear_distance * turning(x, u)) <= SPUN * ca.fabs(x.forward_velocity)
+    """True unless the rear axle slides by more than `spun`."""
+    return ca.fabs(x.lateral_velocity - x.rear_distance * turning(x, u)) <= SETTINGS.spun * ca.fabs(x.forward_velocity)
 
 
 VELOCITY = Measurement("gnss_velocity", _velocity, (0.1, 0.1))
@@ -137,8 +149,8 @@ SPIN = Measurement(
     "rear_spin",
     lambda x, z, u, p: x.forward_velocity * (1 + x.wheel_slip) / x.rolling_radius,
     (0.3,),
-    when=lambda x, u, p: (ca.fabs(u.acceleration_x - x.acceleration_bias_x) < HARD) * _rolls(x, u),
+    when=lambda x, u, p: (ca.fabs(u.acceleration_x - x.acceleration_bias_x) < SETTINGS.hard) * _rolls(x, u),
 )
-STEADY = Measurement("steady_state", _sliding, (SLIDING,), when=lambda x, u, p: _rolls(x, u))
+STEADY = Measurement("steady_state", _sliding, (SETTINGS.sliding,), when=lambda x, u, p: _rolls(x, u))
 
 OFFLINE = Definition.of(Offline(), VELOCITY, POSITION, HEADING, SPIN, STEADY)

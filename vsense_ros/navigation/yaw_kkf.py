@@ -20,6 +20,7 @@ white noise of the fixes, as here, it makes the standard deviation of the headin
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import dataclass
 from typing import Any
 
 import casadi as ca
@@ -28,12 +29,22 @@ from vsense_ros.estimation.state_space import Measurement, Named, wrapped
 from vsense_ros.navigation.readings import SLOWEST_COURSE
 from vsense_ros.navigation.space import Definition, NavigationSpace, Remembered
 
-SURE = 2.0  # standard deviations of the gyro's bias
-LARGEST_SLIP = 0.25  # [rad] between heading and course of cog, of tyres that slide
-REACH = 2.0  # [m] from the rear axle to cog at most, which in a tight bend goes aside of where the car points
+
+@dataclass(frozen=True)
+class YawSettings:
+    """When the gate of the yaw filter opens again: decisions of this project."""
+
+    sure: float = 2.0  # standard deviations of the gyro's bias
+    largest_slip: float = 0.25  # [rad] between heading and course of cog, of tyres that slide
+    # [m] from the rear axle to cog at most, which in a tight bend goes aside of where the car points
+    reach: float = 2.0
+    contradicted: float = 2.0  # [s] for which fixes have to show a heading that cannot be
+    learning: float = 3.0  # [s] for which the course is then believed
+
+
+SETTINGS = YawSettings()
+
 BIAS = 0.02  # [rad/s], standard deviation at start
-CONTRADICTED = 2.0  # [s] for which fixes have to show a heading that cannot be
-LEARNING = 3.0  # [s] for which the course is then believed
 
 
 class YawKkf(NavigationSpace):
@@ -58,19 +69,19 @@ class YawKkf(NavigationSpace):
 
 def straight(x: Named, u: Named, theta: Named) -> ca.SX:
     """True if the car goes straight, by the gyro without its bias: with it, one of 1 °/s would decide (C5)."""
-    return ca.fabs(u.yaw_rate - x.gyro_bias) < theta.straight_rate + SURE * u.bias_deviation
+    return ca.fabs(u.yaw_rate - x.gyro_bias) < theta.straight_rate + SETTINGS.sure * u.bias_deviation
 
 
 def at_fix(x: Named, u: Named, theta: Named, velocity: ca.SX, variance: Named) -> dict[str, ca.SX]:
     """Inputs to remember from a new fix: deviation of the bias, and for how long heading and course contradict."""
     speed = ca.fmax(ca.sqrt(velocity[0] ** 2 + velocity[1] ** 2), SLOWEST_COURSE)
     difference = ca.fabs(wrapped(ca.atan2(velocity[1], velocity[0]) - x.yaw))
-    largest = LARGEST_SLIP + REACH * ca.fabs(u.yaw_rate - x.gyro_bias) / speed
+    largest = SETTINGS.largest_slip + SETTINGS.reach * ca.fabs(u.yaw_rate - x.gyro_bias) / speed
     wrong = ca.if_else(difference > largest, u.wrong + ca.fmin(u.since_fix, 1.0), 0.0)
     return {
         "bias_deviation": ca.sqrt(ca.fmax(variance.gyro_bias, 0.0)),
         "wrong": wrong,
-        "lost": ca.if_else(wrong >= CONTRADICTED, LEARNING, ca.fmax(u.lost - u.since_fix, 0.0)),
+        "lost": ca.if_else(wrong >= SETTINGS.contradicted, SETTINGS.learning, ca.fmax(u.lost - u.since_fix, 0.0)),
     }
 
 

@@ -18,10 +18,19 @@ from vsense_ros.estimation.timeline import Event
 from vsense_ros.model.sensors import SensorBase
 from vsense_ros.model.vehicle import Vehicle
 
-_DISAGREEMENT = 5.0  # [m/s] between first speeds, beyond which one of them is wrong
-_APART = 0.05  # of the median of all speeds, and
-_APART_AT_LEAST = 0.5  # [m/s] by which one has to differ from it not to be believed
-_FEWEST = 3  # speeds of which one can be seen to be wrong
+
+@dataclass(frozen=True)
+class BeginningSettings:
+    """Which first speeds are believed: decisions of this project."""
+
+    disagreement: float = 5.0  # [m/s] between first speeds, beyond which one of them is wrong
+    apart: float = 0.05  # of the median of all speeds, and
+    apart_at_least: float = 0.5  # [m/s] by which one has to differ from it not to be believed
+    fewest: int = 3  # speeds of which one can be seen to be wrong
+
+
+SETTINGS = BeginningSettings()
+
 UNSURE = 2_000_000_000  # [ns] from the start on in which speeds are held against each other
 
 
@@ -70,7 +79,7 @@ class Beginning:
         missing = (sensor for sensor in self._intake.sensors if sensor.kind not in kinds)
         if not speeds or any(sensor.awaited and waited < sensor.awaited for sensor in missing):
             return None
-        if np.ptp(np.abs(speeds)) > _DISAGREEMENT and waited < LONGEST_GAP:
+        if np.ptp(np.abs(speeds)) > SETTINGS.disagreement and waited < LONGEST_GAP:
             return None
         return Start(stamp, speeds[0], kinds)
 
@@ -94,10 +103,10 @@ class Beginning:
         if latest is None:
             return None
         speeds = [speed for stamp, speed in self._newest.values() if abs(stamp - latest[0]) < LONGEST_GAP * 1e9]
-        if len(speeds) < _FEWEST:
+        if len(speeds) < SETTINGS.fewest:
             return None
         middle = float(np.median(speeds))
-        tolerance = max(_APART_AT_LEAST, _APART * middle)
+        tolerance = max(SETTINGS.apart_at_least, SETTINGS.apart * middle)
         agree = sum(abs(speed - middle) <= tolerance for speed in speeds)
         return middle if abs(latest[1] - middle) > tolerance and 2 * agree > len(speeds) else None
 

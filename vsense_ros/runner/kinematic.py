@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -25,11 +25,20 @@ from vsense_ros.runner.kinematic_axes import KinematicAxes
 
 Array = NDArray[np.float64]
 
-_MOVING = 1.0  # [m/s] below it an inertial sensor of coarse resolution may well repeat itself
-_LONGEST_PERIOD = 50_000_000  # [ns] between readings of a sensor that holds between them
-_SURE = 3.0  # standard deviations
-_ELSEWHERE = 0.5  # [m] by which an antenna sits elsewhere than in the vehicle file, from which on that is reported
-_DETERMINED = 0.87  # share of a standard deviation at start, above which the drive has not determined a state
+
+@dataclass(frozen=True)
+class KinematicSettings:
+    """What a filter of GNSS and inertial sensors reports and waits for: decisions of this project."""
+
+    moving: float = 1.0  # [m/s] below it an inertial sensor of coarse resolution may well repeat itself
+    longest_period: int = 50_000_000  # [ns] between readings of a sensor that holds between them
+    sure: float = 3.0  # standard deviations
+    # [m] by which an antenna sits elsewhere than in the vehicle file, from which on that is reported
+    elsewhere: float = 0.5
+    determined: float = 0.87  # share of a standard deviation at start, above which the drive has not determined a state
+
+
+SETTINGS = KinematicSettings()
 
 
 class KinematicAdapter(Adapter):
@@ -64,13 +73,13 @@ class KinematicAdapter(Adapter):
         if self._holds[event.sensor]:
             period = event.stamp - self._last.get(event.sensor, event.stamp)
             self._last[event.sensor] = event.stamp
-            if 0 < period < _LONGEST_PERIOD:
+            if 0 < period < SETTINGS.longest_period:
                 event.stamp -= period // 2
         return event
 
     @property
     def moving(self) -> bool:
-        return self._speed > _MOVING
+        return self._speed > SETTINGS.moving
 
     # Start
 
@@ -173,7 +182,7 @@ class KinematicAdapter(Adapter):
         if "antenna_ahead" in names:
             place = names.index("antenna_ahead")
             ahead, deviation = float(belief.mean[place]), float(belief.covariance[place, place]) ** 0.5
-            if abs(ahead) > max(_ELSEWHERE, _SURE * deviation):
+            if abs(ahead) > max(SETTINGS.elsewhere, SETTINGS.sure * deviation):
                 where = "ahead of" if ahead > 0 else "behind"
                 return [f"GNSS antenna {abs(ahead):.1f} ± {deviation:.1f} m {where} where the vehicle file says"]
         return []
@@ -187,7 +196,9 @@ def _undetermined(filter: Aided) -> list[str]:
     """States of which the drive has determined less than half of what was unknown at start."""
     now = np.sqrt(filter.belief().covariance.diagonal().clip(min=0))
     prior, names = filter.definition.deviations, filter.definition.errors
-    return [name for name, was, is_ in zip(names, prior, now, strict=True) if was > 0 and is_ > _DETERMINED * was]
+    return [
+        name for name, was, is_ in zip(names, prior, now, strict=True) if was > 0 and is_ > SETTINGS.determined * was
+    ]
 
 
 def _only_drives(sensor: SensorBase, filter: Aided) -> bool:

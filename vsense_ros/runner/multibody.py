@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
 from math import sqrt
 from typing import Any
 
@@ -38,15 +39,25 @@ from vsense_ros.runner.inertial_axes import InertialAxes, Judged
 Array = NDArray[np.float64]
 
 _SPINS = range(SPIN.start, SPIN.stop)
-_MOVING = 1.0  # [m/s] below it an inertial sensor of coarse resolution may well repeat itself
-_SPIN_DEVIATION = 2.0  # [rad/s] of the spin of a wheel once the speed has been moved
+
+
+@dataclass(frozen=True)
+class CarAdapterSettings:
+    """When the filter of a car counts as converged, and its doubts after a jump: decisions of this project."""
+
+    moving: float = 1.0  # [m/s] below it an inertial sensor of coarse resolution may well repeat itself
+    spin_deviation: float = 2.0  # [rad/s] of the spin of a wheel once the speed has been moved
+    settled: float = 1.0  # [s] from the start on before which nothing counts as converged
+    bent: float = 0.06  # [rad] deviation of a heading from which on it bends a velocity; one by a course has 0.05
+    alike: float = 0.9  # correlation of the errors of two parameters that can hardly be told apart
+
+
+SETTINGS = CarAdapterSettings()
+
 _CONVERGED = np.array([0.5, 0.5, 0.02])  # [m/s], [m/s], [rad/s] deviations of velocity and yaw rate that may be used
-_SETTLED = 1.0  # [s] from the start on before which nothing counts as converged
 _TURNED_PLACE, _TURNED_YAW = 10.0, 0.1  # [m], [rad] deviations once the car has been turned around
 _LATERAL_FORCE = FORCE.start + Y  # element of the state
 _UNDECIDED = 0, 1, 5, 6, 7  # elements of `Estimate.undecided` that an `Apart` is about
-_BENT = 0.06  # [rad] deviation of a heading from which on it bends a velocity; one by a course has 0.05
-_ALIKE = 0.9  # correlation of the errors of two parameters that can hardly be told apart
 
 
 class CarAxes(InertialAxes):
@@ -115,7 +126,7 @@ class CarAdapter(Adapter):
 
     @property
     def moving(self) -> bool:
-        return bool(abs(self.car.mean[FORWARD]) > _MOVING)
+        return bool(abs(self.car.mean[FORWARD]) > SETTINGS.moving)
 
     @property
     def heading_known(self) -> bool:  # type: ignore[override]
@@ -125,7 +136,7 @@ class CarAdapter(Adapter):
     @property
     def in_one_call(self) -> bool:  # type: ignore[override]
         """True once no reading has to be asked for the heading first, nor takes a variance from that."""
-        return self.alignment.known and self.car.covariance.item(YAW, YAW) <= _BENT**2
+        return self.alignment.known and self.car.covariance.item(YAW, YAW) <= SETTINGS.bent**2
 
     # Start
 
@@ -146,7 +157,9 @@ class CarAdapter(Adapter):
                 filter.inputs[sensor.inputs] = np.nan_to_num(event.value)
             for place, velocity in sensor.first_velocities(event.value).items():
                 at = U.start + place
-                at_rest = place in _SPINS and start.speed <= _MOVING  # where the noise of the wheels would be slip
+                at_rest = (
+                    place in _SPINS and start.speed <= SETTINGS.moving
+                )  # where the noise of the wheels would be slip
                 if abs(velocity) < self.car.largest[at] and not at_rest:
                     mean[at] = velocity
         if self.monitor is not None:
@@ -186,7 +199,7 @@ class CarAdapter(Adapter):
         """Variance of a velocity over ground by an error of the heading to second order, which the linearised equation
         lacks: the mean square of v ε²/2 with ε normally distributed (Jazwinski 1970, section 9.3) [m²/s²]."""
         speed, turned = self.forward_speed, self.car.covariance.item(YAW, YAW)
-        return 0.75 * (speed * turned) ** 2 if turned > _BENT**2 else 0.0
+        return 0.75 * (speed * turned) ** 2 if turned > SETTINGS.bent**2 else 0.0
 
     def accepts(self, event: Event) -> bool:
         return self.alignment.known or self.alignment.helps(event)
@@ -229,7 +242,7 @@ class CarAdapter(Adapter):
         moves = [Move(FORWARD, float(forward), spread), Move(LATERAL, float(left), spread)]
         speed = max(self.car.mean.item(FORWARD), 1.0)
         return moves + [
-            Move(U.start + SPIN.start + i, float(forward) / speed * spin, _SPIN_DEVIATION)
+            Move(U.start + SPIN.start + i, float(forward) / speed * spin, SETTINGS.spin_deviation)
             for i, spin in enumerate(self.car.mean[U][SPIN].tolist())
         ]
 
@@ -258,7 +271,7 @@ class CarAdapter(Adapter):
 
     def converged(self, seconds: float) -> bool:
         deviation = np.sqrt(self.filter.belief().covariance.diagonal()[[FORWARD, LATERAL, YAW_RATE]])
-        return bool(seconds > _SETTLED and np.all(deviation < _CONVERGED))
+        return bool(seconds > SETTINGS.settled and np.all(deviation < _CONVERGED))
 
     def condition(self, converged: bool) -> str:
         if self.heading_known:
@@ -354,7 +367,7 @@ def _parameters(spi: Spi) -> Diagnostic:
     }
     values["independent combinations determined"] = f"{seen.rank} of {len(seen.names)}"
     closest = np.abs(np.triu(seen.correlation, 1))
-    if closest.max(initial=0.0) > _ALIKE:
+    if closest.max(initial=0.0) > SETTINGS.alike:
         i, j = np.unravel_index(closest.argmax(), closest.shape)
         values["hard to distinguish"] = f"{seen.names[i]} and {seen.names[j]} ({seen.correlation[i, j]:+.2f})"
     if stuck := spi.at_bounds():

@@ -23,11 +23,21 @@ Array = NDArray[np.floating[Any]]
 
 INDEX = "curves.json"
 CURVES, GLANCE = "curves", "glance"  # sets of curves of a recording: all of it, and a first look at a large one
-FACTOR = 16  # samples that one bin of a level holds, and bins that one bin of the next level holds
-SHORTEST_LEVEL = 2048  # [samples] below which no coarser level is made
-GAP = 5.0  # usual steps of a signal without a sample, from which on its line is broken
-MOST_GAPS = 1000  # of one signal, the longest ones, at which its line is broken
-MOST_CUTS = 64  # windows whose samples a set of curves remembers
+
+
+@dataclass(frozen=True)
+class CurveSettings:
+    """How many samples of a curve are kept and sent: decisions of this project."""
+
+    factor: int = 16  # samples that one bin of a level holds, and bins that one bin of the next level holds
+    shortest_level: int = 2048  # [samples] below which no coarser level is made
+    gap: float = 5.0  # usual steps of a signal without a sample, from which on its line is broken
+    most_gaps: int = 1000  # of one signal, the longest ones, at which its line is broken
+    most_cuts: int = 64  # windows whose samples a set of curves remembers
+
+
+SETTINGS = CurveSettings()
+
 DISTANCE = "distance"  # the signal by which a time becomes a distance
 
 
@@ -89,8 +99,8 @@ class CurveWriter:
         np.save(self.folder / f"{file}.npy", value)
         low = high = value
         level = 0
-        while len(low) >= SHORTEST_LEVEL:
-            starts = np.arange(0, len(low), FACTOR)
+        while len(low) >= SETTINGS.shortest_level:
+            starts = np.arange(0, len(low), SETTINGS.factor)
             low, high = np.fmin.reduceat(low, starts), np.fmax.reduceat(high, starts)
             level += 1
             np.save(self.folder / f"{file}.{level}.npy", np.stack([low, high]))
@@ -108,8 +118,8 @@ def _gaps(time: Array) -> list[list[float]]:
     steps = np.diff(time)
     if not len(steps):
         return []
-    rows = np.flatnonzero(steps > GAP * np.median(steps))
-    rows = np.sort(rows[np.argsort(-steps[rows], kind="stable")[:MOST_GAPS]])
+    rows = np.flatnonzero(steps > SETTINGS.gap * np.median(steps))
+    rows = np.sort(rows[np.argsort(-steps[rows], kind="stable")[: SETTINGS.most_gaps]])
     return [[float(time[i]), float(time[i + 1])] for i in rows]
 
 
@@ -156,7 +166,7 @@ class CurveSet:
         about = self._described(name)
         key = (about["time"], about["levels"], begin, end, bins)
         if key not in self._cuts:
-            if len(self._cuts) >= MOST_CUTS:
+            if len(self._cuts) >= SETTINGS.most_cuts:
                 self._cuts.clear()
             self._cuts[key] = self._cut(*key)
         cut = self._cuts[key]
@@ -177,8 +187,8 @@ class CurveSet:
         if last - first <= 2 * bins:
             stop, shown = last, np.asarray(time[first:last])
         else:
-            while level < levels and (last - first) // (step * FACTOR) >= 2 * bins:
-                level, step = level + 1, step * FACTOR
+            while level < levels and (last - first) // (step * SETTINGS.factor) >= 2 * bins:
+                level, step = level + 1, step * SETTINGS.factor
             begins = np.unique(np.linspace(first // step, (last - 1) // step, bins).astype(np.intp))
             stop, shown = (last - 1) // step + 1, np.asarray(time[np.minimum(begins * step, len(time) - 1)])
         gaps = self._gaps.get(time_name, np.zeros((0, 2)))

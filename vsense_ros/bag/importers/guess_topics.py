@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -15,11 +16,20 @@ from vsense_ros.messages.topics import TOPICS
 Array = NDArray[np.float64]
 
 _TWISTS = ("geometry_msgs/msg/TwistStamped", "geometry_msgs/msg/TwistWithCovarianceStamped")
-_LIKE = 0.3  # [-] of a speed, up to which two velocities differ that are the same
-_TIE = 0.1  # [-] of a speed, by which one explanation of a velocity must be better than another
-_LEAST_NORTH = 0.3  # [m/s] standard deviation of a velocity to the north, below which it says nothing
-_ALONG = 0.3  # [-] correlation of two velocities to the north that are the same, positions being noisy
-_ACROSS = 0.25  # [-] of the speed, up to which a car moves sideways
+
+
+@dataclass(frozen=True)
+class VelocityMatchSettings:
+    """How velocities and positions of a recording are matched: decisions of this project."""
+
+    like: float = 0.3  # [-] of a speed, up to which two velocities differ that are the same
+    tie: float = 0.1  # [-] of a speed, by which one explanation of a velocity must be better than another
+    least_north: float = 0.3  # [m/s] standard deviation of a velocity to the north, below which it says nothing
+    along: float = 0.3  # [-] correlation of two velocities to the north that are the same, positions being noisy
+    across: float = 0.25  # [-] of the speed, up to which a car moves sideways
+
+
+SETTINGS = VelocityMatchSettings()
 
 
 def topics_of(recording: Recording) -> tuple[dict[str, Any], list[str]]:
@@ -80,8 +90,8 @@ def _velocities(twists: list[Channel], fix: Channel | None, take: Any) -> None:
         if moved is not None:
             forward = np.column_stack([np.hypot(*moved.T), np.zeros(len(moved))])
             over_ground, of_car = _apart(linear[:, :2], moved), _apart(linear[:, :2], forward)
-            if min(over_ground, of_car) < _LIKE:
-                if abs(over_ground - of_car) < _TIE:  # the car drives about to the east
+            if min(over_ground, of_car) < SETTINGS.like:
+                if abs(over_ground - of_car) < SETTINGS.tie:  # the car drives about to the east
                     is_ground = _goes_along(linear[:, 1], moved[:, 1])
                 else:
                     is_ground = over_ground < of_car
@@ -90,7 +100,7 @@ def _velocities(twists: list[Channel], fix: Channel | None, take: Any) -> None:
                 else:
                     take("vehicle/velocity", channel, why="a velocity forward, as fast as the positions move")
                 continue
-        across = np.abs(linear[:, 1]) <= _ACROSS * np.abs(linear[:, 0]) + 0.3
+        across = np.abs(linear[:, 1]) <= SETTINGS.across * np.abs(linear[:, 0]) + 0.3
         if any(word in channel.topic.lower() for word in ("gps", "gnss", "fix", "ublox")):
             take("gps/velocity", channel, why="a velocity of a satellite receiver, by its name")
         elif float(np.mean(across)) > 0.95:
@@ -131,9 +141,9 @@ def _apart(one: Array, other: Array) -> float:
 def _goes_along(one: Array, other: Array) -> bool:
     """True if two velocities (n,) change together."""
     good = np.isfinite(one) & np.isfinite(other)
-    if good.sum() < 10 or float(np.std(one[good])) < _LEAST_NORTH or float(np.std(other[good])) == 0:
+    if good.sum() < 10 or float(np.std(one[good])) < SETTINGS.least_north or float(np.std(other[good])) == 0:
         return False
-    return float(np.corrcoef(one[good], other[good])[0, 1]) > _ALONG
+    return float(np.corrcoef(one[good], other[good])[0, 1]) > SETTINGS.along
 
 
 def _joints(channel: Channel, take: Any) -> None:

@@ -31,12 +31,22 @@ from vsense_ros.messages import units
 from vsense_ros.messages.memory import give_back
 
 _MISSING = ("", "-", "--", "---", "n/a", "N/A", "NA", "#N/A", "nan", "NaN", "NAN", "null", "NULL", "None", "*")
-_LONGEST_LINE = 1 << 20  # [byte]
-_LONGEST_SHOWN = 60  # characters of a cell in an error
-_FOOTER = 20  # lines at the end of a file that may be something else than rows
-_TAIL = 1 << 16  # [byte] at the end of a file, by which it is seen if its last line was cut
+
+
+@dataclass(frozen=True)
+class TextTableSettings:
+    """How much of a text file is read at once and shown: decisions of this project."""
+
+    longest_line: int = 1 << 20  # [byte]
+    longest_shown: int = 60  # characters of a cell in an error
+    footer: int = 20  # lines at the end of a file that may be something else than rows
+    tail: int = 1 << 16  # [byte] at the end of a file, by which it is seen if its last line was cut
+    block: int = 1 << 20  # [byte] that are parsed at once: larger ones leave more of the memory in pieces
+
+
+SETTINGS = TextTableSettings()
+
 _DAY = 86_400.0  # [s]
-_BLOCK = 1 << 20  # [byte] that are parsed at once: larger ones leave more of the memory in pieces
 
 
 @dataclass
@@ -238,16 +248,16 @@ class _Lines:
     def _leave_out_cut_line(self, file: BinaryIO) -> None:
         """End the rows before a last line of which a part is missing: its last number would be another one."""
         size = file.seek(0, io.SEEK_END)
-        begin = max(self.start, size - _TAIL)
+        begin = max(self.start, size - SETTINGS.tail)
         file.seek(begin)
-        tail = file.read(_TAIL)
+        tail = file.read(SETTINGS.tail)
         if tail.endswith((b"\n", b"\r")):
             return
         *before, last = tail.split(b"\n")
         whole = [self.text(line).rstrip("\r") for line in before[1 if begin > self.start else 0 :] if line.strip()]
         if whole and is_cut(self.text(last), whole, self.wanted.delimiter, self.wanted.decimal):
             self.end = size - len(last)
-            shown = self.text(last)[:_LONGEST_SHOWN]
+            shown = self.text(last)[: SETTINGS.longest_shown]
             self.notes.append(f"{self.path.name}: the last line is cut and left out: {shown!r}")
 
     @property
@@ -262,7 +272,7 @@ class _Lines:
             last = file.seek(0, io.SEEK_END) if self.end is None else self.end
             while begin < last:
                 file.seek(min(begin + size, last))
-                file.readline(_LONGEST_LINE)
+                file.readline(SETTINGS.longest_line)
                 end = min(file.tell(), last)
                 piece = copy(self)
                 piece.start, piece.line = begin, line
@@ -305,11 +315,13 @@ class _Lines:
         return line.decode("utf-8" if self.is_wide else self.encoding, errors="replace").removeprefix("\ufeff")
 
     def _next(self, file: BinaryIO) -> str | None:
-        line = file.readline(_LONGEST_LINE)
+        line = file.readline(SETTINGS.longest_line)
         if not line:
             return None
-        if len(line) >= _LONGEST_LINE:
-            raise InputError(f"{self.path}, line {self.line + 1}: longer than {_LONGEST_LINE} bytes, which is no table")
+        if len(line) >= SETTINGS.longest_line:
+            raise InputError(
+                f"{self.path}, line {self.line + 1}: longer than {SETTINGS.longest_line} bytes, which is no table"
+            )
         self.line += 1
         return self.text(line).rstrip("\r\n")
 
@@ -345,7 +357,7 @@ class _Lines:
 
 def _blocks(file: BinaryIO, size: int) -> Iterator[bytes]:
     """The next `size` bytes of a file."""
-    while size > 0 and (block := file.read(min(_BLOCK, size))):
+    while size > 0 and (block := file.read(min(SETTINGS.block, size))):
         size -= len(block)
         yield block
 
@@ -368,12 +380,12 @@ def _fast(lines: _Lines, indices: list[int], as_text: bool) -> dict[int, Any] | 
     types = {name: pa.string() if as_text and name == used[0] else pa.float64() for name in used}
     with lines.open() as file:
         file.seek(lines.start)
-        most = 1 + sum(block.count(b"\n") for block in iter(partial(file.read, _BLOCK), b""))
+        most = 1 + sum(block.count(b"\n") for block in iter(partial(file.read, SETTINGS.block), b""))
         file.seek(lines.start)
         try:
             reader = pyarrow.csv.open_csv(
                 pa.PythonFile(file, mode="r"),
-                read_options=pyarrow.csv.ReadOptions(column_names=names, use_threads=False, block_size=_BLOCK),
+                read_options=pyarrow.csv.ReadOptions(column_names=names, use_threads=False, block_size=SETTINGS.block),
                 parse_options=pyarrow.csv.ParseOptions(delimiter=wanted.delimiter),
                 convert_options=pyarrow.csv.ConvertOptions(
                     include_columns=used,
@@ -419,7 +431,7 @@ def _rows(lines: _Lines) -> Iterator[tuple[int, list[str]]]:
         file.seek(lines.start)
 
         def texts() -> Iterator[str]:
-            while line := file.readline(_LONGEST_LINE):
+            while line := file.readline(SETTINGS.longest_line):
                 yield lines.text(line).replace("\0", "\ufffd")
 
         rows = csv.reader(texts(), delimiter=lines.wanted.delimiter, skipinitialspace=True)
@@ -449,7 +461,7 @@ def _slow(lines: _Lines, indices: list[int], as_text: bool) -> dict[int, Any]:
                 f"{'time' if as_text else 'number'}, found {cells[0]!r}"
             )
             waiting.append((number, message))
-            if len(waiting) > _FOOTER or not values[time_index]:
+            if len(waiting) > SETTINGS.footer or not values[time_index]:
                 raise InputError(waiting[0][1])
             continue
         if waiting:
@@ -475,7 +487,7 @@ def _number(lines: _Lines, number: int, index: int, cell: str, missing: set[str]
     try:
         return float(cell.replace(lines.wanted.decimal, "."))
     except ValueError:
-        shown = cell if len(cell) <= _LONGEST_SHOWN else f"{cell[:_LONGEST_SHOWN]}…"
+        shown = cell if len(cell) <= SETTINGS.longest_shown else f"{cell[: SETTINGS.longest_shown]}…"
         raise InputError(
             f"{lines.path}, line {number}, column {lines.header[index]!r}: expected a number, found {shown!r} (cells "
             "without a value: key missing)"
