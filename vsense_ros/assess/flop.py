@@ -62,8 +62,8 @@ def flop_of_covariance(vehicle: Vehicle) -> float:
 
 
 def factored(vehicle: Vehicle) -> float:
-    """Of these, those that the processor is left with where a kernel keeps the covariance: H P Hᵀ + R, factored, and
-    the factor's inverse; for the parameters of an SPI the gain, too."""
+    """Operations of a correction that are left to the processor where a kernel keeps the covariance: H P Hᵀ + R,
+    factored, and the factor's inverse; for the parameters of an SPI the gain, too."""
     n, learns = layout(sensors_of(vehicle)).size, bool(vehicle.observer.parameters)
     each = [m * m * columns / 2 + m**3 / 3 + learns * m * (m + 1) / 2 * n for m, columns in _corrections(vehicle)]
     return 2.0 * sum(each)

@@ -269,13 +269,11 @@ def maximise(
     count = len(free_parameters)
     deviations = np.array([free.deviation for free in free_parameters])
     low, high = np.array([free.low for free in free_parameters]), np.array([free.high for free in free_parameters])
-    offsets = np.zeros(count) if earlier is None else earlier.offsets
+    offsets, slopes = (np.zeros(count), None) if earlier is None else (earlier.offsets, earlier.slopes)
     innovations_here = evaluate([offsets], None)[0]
     if not innovations_here:
         raise InputError("the recordings have no message of a sensor that measures; there is no innovation to judge by")
-    slopes = None if earlier is None else earlier.slopes
-    stamps = [one.stamp for one in slopes or innovations_here]
-    credible = [one.credible for one in slopes] if slopes else [one.credible() for one in innovations_here]
+    stamps, credible = _judged_by(slopes or innovations_here)
 
     def at_stamps(by_sensor: Sequence[Innovations]) -> list[Innovations]:
         """Innovations of the messages that are judged."""
@@ -283,21 +281,14 @@ def maximise(
 
     def rise(new_offsets: Array, new_innovations: Sequence[Innovations]) -> float:
         """Twice the rise of log-likelihood and prior together, from the present values."""
-        compared = [
-            mask & sensor_innovations.there & other.there
-            for mask, sensor_innovations, other in zip(credible, innovations_here, new_innovations, strict=True)
-        ]
-        before, after = (
-            _minus_twice_log_likelihood(innovations_at, compared)
-            for innovations_at in (innovations_here, new_innovations)
-        )
-        return before - after + float(np.sum((offsets / deviations) ** 2) - np.sum((new_offsets / deviations) ** 2))
+        prior = float(np.sum((offsets / deviations) ** 2) - np.sum((new_offsets / deviations) ** 2))
+        return prior + _twice_gained(innovations_here, new_innovations, credible)
 
     innovations_here = at_stamps(innovations_here)
     for iteration in range(iterations):
         if slopes is None or (renew and earlier is None):
-            points = [offsets + NOISE.difference * unit for unit in np.eye(count)]
-            nearby = [at_stamps(found) for found in evaluate(points, part(progress, iteration, iterations))]
+            points = list(offsets + NOISE.difference * np.eye(count))
+            nearby = [at_stamps(one) for one in evaluate(points, part(progress, iteration, iterations))]
             slopes = _slopes(innovations_here, nearby, credible)
         equations = _equations(free_parameters, offsets, innovations_here, slopes)
         change = _scoring_step(equations, offsets)
@@ -305,18 +296,30 @@ def maximise(
             break
         step = change * deviations
         step *= min(1.0, NOISE.largest_step / float(np.abs(step).max()))
-        for shorter in NOISE.shares_of_step:
-            new_offsets = np.clip(offsets + shorter * step, low, high)
-            new_innovations = at_stamps(evaluate([new_offsets], None)[0])
-            if rise(new_offsets, new_innovations) > 0:
-                break
-        else:
+        shorter_steps = (np.clip(offsets + share * step, low, high) for share in NOISE.shares_of_step)
+        trials = ((trial, at_stamps(evaluate([trial], None)[0])) for trial in shorter_steps)
+        better = next((trial for trial in trials if rise(*trial) > 0), None)
+        if better is None:
             break
-        offsets, innovations_here = new_offsets, new_innovations
+        offsets, innovations_here = better
     if progress is not None:
         progress(1.0)
     assert slopes is not None
     return Maximum(offsets, equations.spread() * deviations, slopes)
+
+
+def _judged_by(messages: Sequence[Slopes | Innovations]) -> tuple[list[NDArray[np.int64]], list[NDArray[np.bool_]]]:
+    """Stamps [ns] of the messages of each sensor, and which of them are no outliers."""
+    credible = [one.credible if isinstance(one, Slopes) else one.credible() for one in messages]
+    return [one.stamp for one in messages], credible
+
+
+def _twice_gained(
+    before: Sequence[Innovations], after: Sequence[Innovations], credible: Sequence[NDArray[np.bool_]]
+) -> float:
+    """Twice the rise of the log-likelihood of the credible messages that have an innovation before and after."""
+    compared = [mask & one.there & other.there for mask, one, other in zip(credible, before, after, strict=True)]
+    return _minus_twice_log_likelihood(before, compared) - _minus_twice_log_likelihood(after, compared)
 
 
 def _scoring_step(equations: NormalEquations, offsets: Array) -> Array:

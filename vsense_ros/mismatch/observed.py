@@ -100,18 +100,7 @@ def comparison(
     outputs["extended"] = _against_reference([run for _, run in runs["extended"]], judged, extended)
     progress()
     innovations_of = {name: [innovations for innovations, _ in of_car] for name, of_car in runs.items()}
-    # What an outlier is, is the same for all; and what one of them has no innovation of, none is judged by.
-    credible = [{s: one.credible() for s, one in of.items()} for of in innovations_of["as_it_was"]]
-    stamps = [{s: one.stamp for s, one in of.items()} for of in innovations_of["as_it_was"]]
-    for name, of_car in innovations_of.items():
-        innovations_of[name] = [
-            {s: of[s].at(at[s]) for s in at if s in of} for of, at in zip(of_car, stamps, strict=True)
-        ]
-        for rows, of in zip(credible, innovations_of[name], strict=True):
-            for s in rows.keys() - of.keys():
-                del rows[s]
-            for s in rows:
-                rows[s] = rows[s] & of[s].there
+    credible = _judged_by(innovations_of)
     figures = {
         name: ObserverFigures(
             log_likelihood=_per_message(of, credible),
@@ -127,6 +116,23 @@ def comparison(
     )  # fmt: skip
     verdict, sentence = _judged(result)
     return result.with_(improved=verdict, sentence=sentence), extended
+
+
+def _judged_by(innovations_of: dict[str, list[dict[str, Innovations]]]) -> list[dict[str, NDArray[np.bool_]]]:
+    """Which messages all cars are judged by, by recording and sensor: what an outlier is, is the same for all, and what
+    one of them has no innovation of, none is judged by. The innovations are brought to the stamps of the first car."""
+    credible = [{s: one.credible() for s, one in of.items()} for of in innovations_of["as_it_was"]]
+    stamps = [{s: one.stamp for s, one in of.items()} for of in innovations_of["as_it_was"]]
+    for name, of_car in innovations_of.items():
+        innovations_of[name] = [
+            {s: of[s].at(at[s]) for s in at if s in of} for of, at in zip(of_car, stamps, strict=True)
+        ]
+        for rows, of in zip(credible, innovations_of[name], strict=True):
+            for s in rows.keys() - of.keys():
+                del rows[s]
+            for s in rows:
+                rows[s] = rows[s] & of[s].there
+    return credible
 
 
 def with_fitting_noise(

@@ -117,7 +117,7 @@ class RowCombiner:
 
     @property
     def slots(self) -> int:
-        """Of a row, in each of which there are as many columns as lanes."""
+        """Number of slots of a row, in each of which there are as many columns as lanes."""
         return -(-self.columns // self.lanes)
 
     def run(self, words: Words) -> Words:
