@@ -15,7 +15,8 @@ from numpy.typing import NDArray
 
 from vsense_ros.errors import InputError
 from vsense_ros.estimation.reading import Map, Reader
-from vsense_ros.messages.recording import Sample
+from vsense_ros.estimation.timeline import Event
+from vsense_ros.messages.recording import Channel, Recording, Sample, by_arrival
 from vsense_ros.model.sensors import GnssVelocity, Imu, SensorBase, WheelSpeeds, WheelTorques
 from vsense_ros.model.sensors.gnss_vertical_velocity import GnssVerticalVelocity
 from vsense_ros.model.simulation.closed_loop import rolling_radii
@@ -71,6 +72,7 @@ class Averages:
             both = {name: getattr(velocity, name) for name in ("topic", "frame_id", "position", "latency")}
             self.sensors[GnssVerticalVelocity] = GnssVerticalVelocity(**both, noise=2 * velocity.noise)
         self._readers = [(kind, Reader(0, one, Map(None))) for kind, one in self.sensors.items()]
+        self._turns = {kind: _turn(sensor) for kind, sensor in self.sensors.items()}
         self._rows: dict[type[SensorBase], list[tuple[int, Array, Array]]] = {kind: [] for kind in self.sensors}
         self._end = 0
 
@@ -87,15 +89,34 @@ class Averages:
     def add(self, sample: Sample) -> Iterator[Mean]:
         """Take a message; others than those of `topics` are left alone."""
         for kind, reader in self._readers:
-            sensor = self.sensors[kind]
-            if sample.topic != sensor.topic:
-                continue
-            event = reader.read(sample)
-            if isinstance(event, str):
-                continue
-            yield from self._complete(event.stamp)
-            value = sensor.in_axes_of_car(event.value[None])[0]
-            self._rows[kind].append((event.stamp, value, event.variance))
+            if sample.topic == self.sensors[kind].topic:
+                yield from self._take(kind, reader.read(sample))
+
+    def over(self, recording: Recording) -> Iterator[Mean]:
+        """Take all messages of a recording in order of arrival, as `add` takes each, read in blocks."""
+        channels = [channel.in_order() for topic, channel in recording.channels.items() if topic in self.topics]
+        streams = [self._read(channel) for channel in channels]
+        for readings in by_arrival([channel.received for channel in channels], streams):
+            for kind, event in readings:
+                yield from self._take(kind, event)
+
+    def _read(self, channel: Channel) -> Iterator[list[tuple[type[SensorBase], Event | str]]]:
+        """What the sensors that listen to a channel read in each of its messages."""
+        listeners = [(kind, reader) for kind, reader in self._readers if self.sensors[kind].topic == channel.topic]
+        kinds = [kind for kind, _ in listeners]
+        for read in zip(*(reader.read_channel(channel) for _, reader in listeners), strict=True):
+            yield list(zip(kinds, read, strict=True))
+
+    def _take(self, kind: type[SensorBase], event: Event | str) -> Iterator[Mean]:
+        """Take what was read of a message."""
+        if isinstance(event, str):
+            return
+        yield from self._complete(event.stamp)
+        value, turn = event.value, self._turns[kind]
+        if turn is not None:
+            whole = np.isfinite(value).all()
+            value = turn @ value if whole else self.sensors[kind].in_axes_of_car(value[None])[0]
+        self._rows[kind].append((event.stamp, value, event.variance))
 
     def _complete(self, stamp: int) -> Iterator[Mean]:
         length, delay = round(AVERAGES.length * 1e9), round(AVERAGES.delay * 1e9)
@@ -170,3 +191,10 @@ def _mean(values: Array) -> Array:
     count = known.sum(axis=0)
     with np.errstate(invalid="ignore"):
         return np.where(count > 0, np.where(known, values, 0.0).sum(axis=0) / count, np.nan)
+
+
+def _turn(sensor: SensorBase) -> Array | None:
+    """What turns a measurement into the axes of the car (m, m); None where nothing does."""
+    unit = np.eye(len(sensor.deviations()))
+    turn = sensor.in_axes_of_car(unit).T
+    return None if np.array_equal(turn, unit) else turn

@@ -160,6 +160,11 @@ class TyreRadii:
             gentle |= self._use(mean)
         return gentle
 
+    def take(self, recording: Recording) -> None:
+        """Take all messages of a recording."""
+        for mean in self.averages.over(recording):
+            self._use(mean)
+
     def _use(self, mean: Mean) -> bool:
         rolling = mean.spin * self.averages.radii
         speed = float(np.median(rolling))
@@ -295,6 +300,5 @@ def radii_in(recording: Recording, vehicle: Vehicle) -> TyreRadii | None:
         return None
     if not all(sensor.topic in recording for sensor in radii.averages.needed):
         return None
-    for sample in recording.samples(tuple(topic for topic in radii.topics if topic in recording)):
-        radii.add(sample)
+    radii.take(recording)
     return radii
