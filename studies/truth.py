@@ -159,8 +159,18 @@ def on_bag(path: Path) -> Outcome:
 def on_hills(name: str) -> Outcome:
     """Examine a drive of the full car on one of the surfaces of `road.PLANTS`, with an outage of GNSS."""
     car = load_vehicle(vehicle_path("prototype_real"))
-    compared = road.on_plant(name, car, car).compared
+    compared = road.on_plant(name, car, with_pedals_of(load_vehicle(vehicle_path(OF_BAGS)), car)).compared
     return Outcome({name: compared}, {"nrmsd_percent": _of_plant(compared)})
+
+
+def with_pedals_of(known: Vehicle, car: Vehicle) -> Vehicle:
+    """The car with what the vehicle file `known` says of what is driven and of torques that nothing measures: the file
+    of the plant says neither, as if no wheel could be driven or braked by more than 30 rad/s²."""
+    of_known = known.observer.force_errors
+    settings = ("wheel_spin", "wheel_spin_time_constant")
+    errors = car.observer.force_errors.model_copy(update={name: getattr(of_known, name) for name in settings})
+    observer = car.observer.model_copy(update={"force_errors": errors})
+    return car.model_copy(update={"drivetrain": known.drivetrain, "observer": observer})
 
 
 def _estimated(parts: Mapping[str, float], recording: Recording, car: Vehicle) -> Outcome:
