@@ -124,11 +124,13 @@ def test_what_a_bank_at_one_place_does_is_known_from_places_far_apart_that_are_c
     dataset = build_dataset([without_place(vehicle, hills)], vehicle)
     residuals = Residuals(Predictor(vehicle, dataset))
     start = residuals.predictor.start
-    (bank,) = (c for c in candidates(dataset.points, start.values) if c.name == "road_bank along the road")
+    library = {c.name: c for c in candidates(dataset.points, start.values)}
+    bank = library["road_bank along the road"]
     level = residuals(start)
     base = Fit(start, (), np.zeros(0), level, [np.zeros((len(rows), 0)) for rows in level], 1.0)
-    search = Search(residuals, start, base, [bank])
+    search = Search(residuals, start, base, [library["road_bank"], bank])
     assert search.visible == {"road_bank"}
+    search.secants.simulate_new([bank])
     assert len(bank.places) == 17
     for place in bank.places:
         together = np.concatenate(search.secants.column(place))
