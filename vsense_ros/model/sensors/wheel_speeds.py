@@ -21,8 +21,9 @@ from vsense_ros.model.sensors.base import (
     Names,
     Quantity,
     Vector,
+    joint_state,
 )
-from vsense_ros.model.sensors.simulated import Sampling, SimulatedDrive
+from vsense_ros.model.sensors.simulated import Content, Sampling, SimulatedDrive
 
 NAMES = tuple(f"wheel_{wheel}" for wheel in WHEELS)
 SPREAD = 0.3  # share of the error of the radius that wheels of a car do not have in common: wear, pressure, load
@@ -97,9 +98,10 @@ class WheelSpeeds(JointSensor):
     def equation(self, motion: Motion, biases: ca.SX, mounting: ca.SX) -> ca.SX:
         return motion.spin * (1 - biases) if biases.numel() else motion.spin
 
-    def disturbed(self, drive: SimulatedDrive) -> Vector:
+    def simulated(self, drive: SimulatedDrive) -> Content:
         """The truth and noise: radii of a simulated car are those of its vehicle file."""
-        return drive.truth + self.deviations() * drive.rng.standard_normal(drive.truth.shape)
+        value = drive.truth + self.deviations() * drive.rng.standard_normal(drive.truth.shape)
+        return joint_state(self.field, drive.digitized(value), self.joints)
 
     def first_speed(self, value: Vector, physics: NominalPhysics) -> float | None:
         return float(np.nanmean(value) * physics.rear.unloaded_radius * LOADED)
