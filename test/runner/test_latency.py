@@ -133,7 +133,8 @@ def test_a_car_that_goes_straight_shows_no_lag() -> None:
 
 
 def test_an_inertial_sensor_that_is_late_is_said_and_used_at_its_time(lane_change: Recording, vehicle: Vehicle) -> None:
-    """Until then errors are within what is said of them, and from then on they are small."""
+    """Once the first bend has shown that something is late errors are within what is said of them, and once it is known
+    how late they are small."""
     late = 0.3
     recording = Fault("late", (IMU,), stamped(late), 0.0).of(lane_change)
     runner = Runner(vehicle, recording.map_origin)
@@ -158,13 +159,14 @@ def test_an_inertial_sensor_that_is_late_is_said_and_used_at_its_time(lane_chang
     assert found.seconds == pytest.approx(late, abs=3 * found.deviation)
     stamps, *columns = np.array(rows).T
     errors, deviations = np.abs(columns[:2]), np.array(columns[2:])
-    assert np.mean(errors < 3 * deviations, axis=1) == pytest.approx(1.0, abs=0.01)
+    shown = stamps > lane_change.start + 5 * SECOND
+    assert np.mean((errors < 3 * deviations)[:, shown], axis=1) == pytest.approx(1.0, abs=0.01)
     assert errors[0, stamps > lane_change.start + 11 * SECOND].max() < 0.3
 
 
 def test_a_lag_is_doubted_until_readings_show_that_there_is_none_or_it_is_taken_off() -> None:
-    assert driven({"imu": 0.15}, seconds=0.2).doubt.lags[0] == pytest.approx(0.1, abs=0.01)
-    assert driven({"imu": 0.15}, seconds=5.0).doubt.lags[0] == pytest.approx(0.15, abs=0.07)
+    assert driven({"imu": 0.15}, seconds=0.2).doubt.lags[0] < 0.03
+    assert driven({}, seconds=12.0).doubt.lags[0] < 0.03 < driven({"imu": 0.15}, seconds=12.0).doubt.lags[0]
     for late in ({}, {"imu": 0.15}):
         assert driven(late, seconds=20.0).doubt.lags[0] < 0.05
 

@@ -7,7 +7,7 @@ filter of each pair takes in what the newest readings say of τ,
 
 the products being of both sensors so that noise makes no motion; s² is the variance of what e has besides, of which k
 values in a row are one. Before a bend or a change of speed shows anything, τ is zero with the standard deviation that
-stamps of sensors of unknown transmission have. Where it jumps, so much is unknown again. What τ may be beyond what
+stamps usually have. Where readings contradict what is known of it, more is unknown. What τ may be beyond what
 suspension and tyres look like makes errors in proportion to the motion: of yaw rate r, speed v and heading
 
     δr = τ |ṙ|    δv_x = τ |v̇|    δv_y = τ |v r|    δψ = τ |r|
@@ -39,7 +39,8 @@ class LagDoubtSettings:
 
     period: int = 500_000_000  # [ns] between two looks at the newest readings, while they leave a doubt, or
     relaxed: int = 1_000_000_000  # [ns] while they do not
-    deviation: float = 0.1  # [s] of the lag of a sensor of which nothing is known: a bus, a filter, a receiver
+    deviation: float = 0.03  # [s] of a lag before readings show anything: receivers and buses have 0.02 to 0.07
+    shown: float = 0.1  # [s] of one that they contradict, until they have shown how long it is
     longest: float = 0.4  # [s] of a lag, for which a motion is still one of these equations
     least: float = 0.005  # [s] standard deviation of a lag, however long it is looked at
     walk: float = 2e-6  # [s²/s] by which its variance grows: 0.01 s in a minute
@@ -91,7 +92,8 @@ class _Pair:
     def take_in(self, one: Array, other: Array) -> None:
         """Take in rates by both sensors (n,) at times a step apart."""
         steps = DOUBT.step
-        self.variance = min(self.variance + DOUBT.walk * steps * len(one), DOUBT.deviation**2)
+        if self.variance < DOUBT.deviation**2:
+            self.variance = min(self.variance + DOUBT.walk * steps * len(one), DOUBT.deviation**2)
         change, difference = (one[2:] - one[:-2]) / (2 * steps), (one - other)[1:-1] - self._offset
         change_other = (other[2:] - other[:-2]) / (2 * steps)
         share = 1 - exp(-steps * len(difference) / DOUBT.fades)
@@ -106,7 +108,7 @@ class _Pair:
             variance = spread * DOUBT.independent / steps / moved
             apart = seen - self.seconds
             if apart**2 > DOUBT.jump**2 * (self.variance + variance):
-                self.variance = DOUBT.deviation**2
+                self.variance = DOUBT.shown**2
             gain = self.variance / (self.variance + variance)
             self.seconds += gain * apart
             self.variance = max((1 - gain) * self.variance, DOUBT.least**2)
