@@ -17,13 +17,12 @@ from vsense_ros.model.car.steps import GAMMA
 from vsense_ros.observer.car_blocks import CarBlocks
 from vsense_ros.observer.car_memory import Process, Sensed
 from vsense_ros.observer.car_operations import ModelStructure, SensedStructure
-from vsense_ros.observer.state import DISTURB, DYNAMIC, FORCE, FORWARD, GAIN_COLUMNS, SLOPES, Layout, Q, U
+from vsense_ros.observer.state import DISTURB, DYNAMIC, FORCE, FORWARD, GAIN_COLUMNS, Layout, Q, U
 
 Array = NDArray[np.float64]
 N = 55
 BIASES = slice(49, 55)
 SPEED = 12.0  # [m/s]
-OFF = np.array([0.1, 6.0])  # [rad] of the slopes from their means, the latter beyond what is usual
 
 
 class _Returned:
@@ -47,8 +46,7 @@ class RandomBlocks(CarBlocks):
         self.levers, self.roughness, self.road_map = levers, roughness, np.zeros((5, 10))
         self.layout = Layout((BIASES,), ("",) * N, N)
         self.mean, self.covariance = np.zeros(N), covariance
-        self.mean[FORWARD], self.mean[SLOPES] = SPEED, OFF
-        self.reversion_mean = np.zeros(N - U.stop)
+        self.mean[FORWARD] = SPEED
         self.inverse, self.gain = np.zeros((14, 14), order="F"), np.zeros((14, len(GAIN_COLUMNS)))
         self.error = np.zeros(N)
         self.forces: Any = _Returned([np.zeros((14, 1))])
@@ -89,9 +87,8 @@ class WithFullMatrices:
 
 _CALLS = """
 int transition_in(const struct model *model, double h, double gamma) { return transition(model, h, gamma); }
-void propagate_in(const struct model *model, double h, double speed, const double *off, const double *decay,
-                  const double *noise) {
-    propagate(model, h, speed, off, decay, noise);
+void propagate_in(const struct model *model, double h, double speed, const double *decay, const double *noise) {
+    propagate(model, h, speed, decay, noise);
 }
 double correct_in(const struct model *model, const struct sensed *sensed, double scale, double limit) {
     return correct(model, sensed, scale, limit);
@@ -113,14 +110,14 @@ class InC:
         self._arrays += [self.whitened, self.factor]
         self._structure = ModelStructure(*(array.ctypes.data for array in self._arrays))
         self._address = ctypes.byref(self._structure)
-        self._library, self._off = _library(), blocks.mean[SLOPES].copy()
+        self._library = _library()
 
     def transition(self, h: float) -> None:
         assert self._library.transition_in(self._address, h, GAMMA)
         self.gain[:] = self._padded[:, : len(self.gain)].T
 
     def propagate(self, h: float, decay: Array, noise: Array) -> None:
-        self._library.propagate_in(self._address, h, SPEED, self._off.ctypes.data, decay.ctypes.data, noise.ctypes.data)
+        self._library.propagate_in(self._address, h, SPEED, decay.ctypes.data, noise.ctypes.data)
 
     def correct(
         self, sensed: list[Array], accelerations: bool, biases: slice, value: Array, variance: Array, scale: float,
@@ -139,7 +136,7 @@ def _library() -> ctypes.CDLL:
     assert path is not None
     library, number, address = ctypes.CDLL(str(path)), ctypes.c_double, ctypes.c_void_p
     library.transition_in.argtypes = [address, number, number]
-    library.propagate_in.argtypes, library.propagate_in.restype = [address, number, number, *[address] * 3], None
+    library.propagate_in.argtypes, library.propagate_in.restype = [address, number, number, address, address], None
     library.correct_in.argtypes, library.correct_in.restype = [address, address, number, number], number
     return library
 
@@ -194,11 +191,5 @@ def problem(seed: int) -> Problem:
     covariance = 0.5 * (covariance + covariance.T)
     sizes = (6, 3), (6, 6), (6, 4), (3, 1), (3, 6), (3, 4)
     kinematics = [np.asfortranarray(random.normal(size=size)) for size in sizes]
-    roughness = random.uniform(0.01, 1.0, (2, 4))
+    roughness = random.uniform(0.01, 1.0, (2, 3))
     return Problem(jacobians, kinematics, random.normal(size=2), roughness, covariance, random)
-
-
-def pulled(off: float, known: Array) -> float:
-    """What a slope that is `off` [rad] from its mean adds to its own rate [1/m²], of a row of `Prior.roughness`."""
-    _, variance, back, freedom = known
-    return float(back * (freedom + 4) / (freedom + max(off**2 * back / variance, 4.0)))

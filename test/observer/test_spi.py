@@ -75,7 +75,6 @@ class TestLinearCase:
         p = problem(seed)
         random, h, decay, noise = p.random, 0.01, np.full(N - 28, 0.97), np.append(np.full(N - 28, 1e-3), np.zeros(6))
         kalman = p.build()
-        kalman.model.roughness[:, 3] = 1e12  # without tails, which are not linear
         effect = random.normal(size=(14, 2))
         theta, m = random.normal(size=2), np.diag([2.0, 0.5])
         s, information = np.zeros((N, 2)), np.zeros((2, 2))
@@ -102,7 +101,7 @@ class TestLinearCase:
             spread[range(28, N), range(28, N)] += noise[: N - 28]
             for lever, turned, turning in zip(kalman.model.levers, (31, 32), (29, 28), strict=True):
                 spread[[turned, turning], [turning, turned]] += lever * noise[turning - 28]
-            for i, (rate, changing, *_) in enumerate(kalman.model.roughness):
+            for i, (rate, changing, _) in enumerate(kalman.model.roughness):
                 spread[44 + i, 44 + i] += changing * (1 - 1 / (1 + h * SPEED * rate) ** 2)
             spread[range(N, N + 2), range(N, N + 2)] += drift * h
 
@@ -165,7 +164,7 @@ def joint_transition(kalman: Any, h: float, decay: Array, effect: Array) -> Arra
     for i, state in enumerate((42, 43, 46)):
         f[state] += h * road_by_velocity[i] @ velocities[:6]
         f[state, 42:46] += h * road_by_road[i]
-    for i, (rate, _, back, _) in enumerate(kalman.model.roughness):
+    for i, (rate, _, back) in enumerate(kalman.model.roughness):
         kept = 1 / (1 + h * SPEED * rate)
         f[44 + i, 44 + i], f[44 + i, 42 + i] = kept, -kept * h * SPEED * back
     f[28:N] *= decay[:, None]

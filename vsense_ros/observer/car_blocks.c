@@ -28,7 +28,7 @@ struct model {
     double *by_angles, *by_velocity, *by_road;                /* 6 x 3, 6 x 6, 6 x 4: rates of the pose */
     double *road_rate, *road_by_velocity, *road_by_road;      /* 3, 3 x 6, 3 x 4: of slopes and height of the road */
     const double *levers;    /* 2: see add_noise */
-    const double *roughness; /* what is known of roads, 2 x 4: see road_map */
+    const double *roughness; /* what is known of roads, 2 x 3: see road_map */
     double *road_map;        /* ROAD x FOLLOWED: the road under the car by where it was and by how the car moved */
     double *inverse;                                          /* 14 x 14, column-major: (I - gamma h J)^-1 */
     double *gain; /* GAIN x PADDED: new errors of the velocities, a column each, by the old errors */
@@ -236,20 +236,11 @@ static void propagate_coordinates(const struct model *model, double h) {
     put_rows(rows, corner, p, 0);
 }
 
-/* By how much less a slope is pulled back to its mean, whose distance from that is `off`, than one within two standard
- * deviations: beyond them slopes have the tails of a Student t distribution. A road that is banked or climbs more than
- * most is rare, but then it is so by far. */
-static double pull(double off, const double *roughness) {
-    const double squares = roughness[1] > 0 ? off * off * roughness[2] / roughness[1] : 0;
-    return squares > 4 ? (roughness[3] + 4) / (roughness[3] + squares) : 1;
-}
-
 /* Fills `road_map` for a step of `h` at a `speed`: what the road's slopes, their changes and its height become by how
  * the car then moves and by what the former were. A change of slope goes back to its mean with the distance, the
- * sooner the farther the slope is from its own, by `off` (2): `roughness` holds for grade and bank one over that distance
- * [1/m], the variance of the change, what the slope adds [1/m^2], and the degrees of freedom of the tails (see `pull`).
- * Returns in `noise` (2) the variances added to the changes. */
-static void road_map(const struct model *model, double h, double speed, const double *off, double *noise) {
+ * sooner the farther the slope is from its own: `roughness` holds for grade and bank one over that distance [1/m], the
+ * variance of the change, and what the slope adds [1/m^2]. Returns in `noise` (2) the variances added to the changes. */
+static void road_map(const struct model *model, double h, double speed, double *noise) {
     double *const map = model->road_map;
     const int slope_of[] = {0, 1, 4};
     (void)memset(map, 0, ROAD * FOLLOWED * sizeof *map);
@@ -260,11 +251,11 @@ static void road_map(const struct model *model, double h, double speed, const do
         if (i < 2) row[BODY + i] += 1;
     }
     for (int i = 0; i < 2; i++) {
-        const double *const known = model->roughness + 4 * i;
+        const double *const known = model->roughness + 3 * i;
         const double way = h * fabs(speed), decay = 1.0 / (1.0 + way * known[0]);
         double *const row = map + (2 + i) * FOLLOWED + BODY;
         row[2 + i] = decay;
-        row[i] = -decay * way * known[2] * pull(off[i], known);
+        row[i] = -decay * way * known[2];
         noise[i] = known[1] * (1 - decay * decay);
     }
 }
@@ -312,11 +303,10 @@ static void add_noise(const struct model *model, const double *noise) {
 }
 
 /* Covariance after the step; `decay` (n - SLOW) and `noise` as in `add_noise` belong to the states behind the
- * velocities, of which the road under the car has its own, whose slopes are `off` (2) from their means. */
-static void propagate(const struct model *model, double h, double speed, const double *off, const double *decay,
-                      const double *noise) {
+ * velocities, of which the road under the car has its own. */
+static void propagate(const struct model *model, double h, double speed, const double *decay, const double *noise) {
     double *const p = model->covariance, one[STATES], changes[2];
-    road_map(model, h, speed, off, changes);
+    road_map(model, h, speed, changes);
     propagate_velocities(model);
     propagate_coordinates(model, h);
     propagate_road(model);
@@ -499,10 +489,9 @@ static int filter_predict(const struct filter *filter, double h, const double *d
     }
     run_kinematics(filter);
     run_advance(filter);
+    propagate(&filter->model, h, filter->state[MODEL], decay, noise);
     double *const slow = filter->state + SLOW;
     double *const mean = filter->reversion_mean;
-    const double off[] = {slow[MODEL] - mean[MODEL], slow[MODEL + 1] - mean[MODEL + 1]};
-    propagate(&filter->model, h, filter->state[MODEL], off, decay, noise);
     move_road(&filter->model, h, filter->state + MODEL, filter->velocities, mean + MODEL, slow + MODEL);
     (void)memcpy(filter->state, filter->coordinates, MODEL * sizeof(double));
     (void)memcpy(filter->state + MODEL, filter->velocities, MODEL * sizeof(double));

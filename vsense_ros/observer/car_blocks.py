@@ -81,15 +81,6 @@ def wheels_by_error(derivative: Array, mass: Array, size: int) -> tuple[Array, A
     return by_error, lacking
 
 
-def pull(off: float, roughness: Array) -> float:
-    """By how much less a slope that is `off` [rad] from its mean is pulled back to it than one within two standard
-    deviations, of `Prior.roughness` (4,): beyond them slopes have the tails of a Student t distribution. A road that is
-    banked or climbs more than most is rare, but then it is so by far."""
-    _, variance, reversion, freedom = roughness.tolist()
-    squares = off**2 * reversion / variance if variance > 0 else 0.0
-    return (freedom + 4) / (freedom + squares) if squares > 4 else 1.0
-
-
 class CarBlocks(CarMemory):
     """One vehicle with one set of sensors, and the steps and corrections of its filter."""
 
@@ -177,13 +168,13 @@ class CarBlocks(CarMemory):
         self.road_map[changing, len(by_velocity.T) :] = h * by_road
         noise = process.noise.copy()
         distance = h * abs(self.mean.item(FORWARD))
-        off = self.mean[SLOPES] - self.reversion_mean[SLOPES.start - SLOW : SLOPES.stop - SLOW]
-        for slope, change, known in zip((GRADE, BANK), (GRADE_CHANGE, BANK_CHANGE), self.roughness, strict=True):
-            rate, variance, reversion, _ = known
+        for slope, change, (rate, variance, reversion) in zip(
+            (GRADE, BANK), (GRADE_CHANGE, BANK_CHANGE), self.roughness, strict=True
+        ):
             decay = 1 / (1 + distance * rate)
             self.road_map[slope, TWIST_SIZE + slope] += 1.0
             self.road_map[change, TWIST_SIZE + change] = decay
-            self.road_map[change, TWIST_SIZE + slope] = -decay * distance * reversion * pull(off.item(slope), known)
+            self.road_map[change, TWIST_SIZE + slope] = -decay * distance * reversion
             noise[ROAD_STATES.start - SLOW + change] += variance * (1 - decay**2)
         return noise
 

@@ -93,8 +93,8 @@ class Prior:
     # (2,) roll acceleration per lateral one, and pitch acceleration per longitudinal one [rad/m], of errors of forces:
     # they are the tyres', and act on the road below cog
     levers: Array
-    # (2, 4) of grade and bank: one over the distance along which their change is forgotten [1/m], its variance
-    # [rad²/m²], what their own distance from the mean adds to its own rate [1/m²], and the degrees of freedom of tails
+    # (2, 3) of grade and bank: one over the distance along which their change is forgotten [1/m], its variance
+    # [rad²/m²], and what their own distance from the mean adds to its own rate [1/m²]
     roughness: Array
     torques: TorqueErrors  # of the wheels; rows and columns of their spins are those of brakes that may act
 
@@ -168,7 +168,7 @@ def _roughness(around: Disturbances) -> Array:
     rows = []
     for slope, change in ((around.grade, around.grade_change), (around.bank, around.bank_change)):
         bent = (change**2, (change / slope) ** 2) if slope > 0 else (0.0, 0.0)
-        rows.append([1 / around.change_length, *bent, around.slope_tails])
+        rows.append([1 / around.change_length, *bent])
     return np.array(rows)
 
 

@@ -44,10 +44,6 @@ class Disturbances(Part):
         "rad/m", "standard deviation of the change of the bank along the road: its twist", ge=0, default=1e-3
     )
     change_length: float = parameter("m", "distance along which such a change persists", gt=0, default=20.0)
-    slope_tails: float = parameter(
-        "-", "degrees of freedom of the Student t distribution of slopes beyond two standard deviations: the fewer, "
-        "the less improbable are steep ones (4 as in Lange, Little & Taylor 1989)", gt=0, default=4.0,
-    )  # fmt: skip
     steering_offset: float = parameter("rad", "standard deviation of the road-wheel angle's offset", ge=0, default=0.01)
     steering_offset_drift: float = parameter("rad", "its change in one second", ge=0, default=1e-5)
     radius_error: float = parameter(
