@@ -54,7 +54,8 @@ class CarAdapterSettings:
 
 SETTINGS = CarAdapterSettings()
 
-_CONVERGED = np.array([0.5, 0.5, 0.02])  # [m/s], [m/s], [rad/s] deviations of velocity and yaw rate that may be used
+# [m/s], [m/s], [rad/s] deviations of velocity and yaw rate below which they may be used, and up to which they stay so.
+_CONVERGED = np.array([[0.5, 0.5, 0.02], [1.0, 1.0, 0.04]])
 _TURNED_PLACE, _TURNED_YAW = 10.0, 0.1  # [m], [rad] deviations once the car has been turned around
 _LATERAL_FORCE = FORCE.start + Y  # element of the state
 _UNDECIDED = 0, 1, 5, 6, 7  # elements of `Estimate.undecided` that an `Apart` is about
@@ -97,6 +98,7 @@ class CarAdapter(Adapter):
         self.tilt = Tilt(sensors, self.car)
         self.lateral_force_error = self.car.prior.deviation.item(_LATERAL_FORCE)
         self._start: Start | None = None
+        self._settled = False  # it has converged
         if any("steering" in sensor.measures for sensor in sensors.values()):
             self.steering_error = DISTURB.start + STEERING_OFFSET
         around = vehicle.observer.surroundings
@@ -147,6 +149,7 @@ class CarAdapter(Adapter):
     def start(self, stamp: int) -> None:
         assert self._start is not None
         filter, mean, start = self.filter, self.car.mean, self._start
+        self._settled = False
         filter.start_rolling(start.speed)
         self.balance.forget()
         self.tilt.forget()
@@ -271,7 +274,8 @@ class CarAdapter(Adapter):
 
     def converged(self, seconds: float) -> bool:
         deviation = np.sqrt(self.filter.belief().covariance.diagonal()[[FORWARD, LATERAL, YAW_RATE]])
-        return bool(seconds > SETTINGS.settled and np.all(deviation < _CONVERGED))
+        self._settled = bool(seconds > SETTINGS.settled and np.all(deviation < _CONVERGED[int(self._settled)]))
+        return self._settled
 
     def condition(self, converged: bool) -> str:
         if self.heading_known:
