@@ -23,6 +23,7 @@ from vsense_ros.evaluate.drive import Drive
 from vsense_ros.evaluate.metrics import SignalScore, compare
 from vsense_ros.evaluate.reference import REFERENCE, as_smoothed, at_reference, judged_by, mounting_in_words
 from vsense_ros.evaluate.signals import read_signals
+from vsense_ros.identification.averages import AVERAGES
 from vsense_ros.identification.mass_and_grade import mass_in
 from vsense_ros.identification.tyre_radii import radii_in
 from vsense_ros.messages.diagnostic import Diagnostic
@@ -193,7 +194,10 @@ def estimate_task(
 
 
 def _of_long_horizon(recording: Recording, car: Vehicle) -> list[Diagnostic]:
-    """What filters of slowly changing quantities say at the end of a recording that has the sensors they need."""
+    """What filters of slowly changing quantities say at the end of a recording that has the sensors they need, and is
+    long enough for them."""
+    if recording.duration < AVERAGES.shortest:
+        return []
     return [
         estimator.diagnostic()
         for estimator in (radii_in(recording, car), mass_in(recording, car))

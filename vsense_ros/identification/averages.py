@@ -32,6 +32,7 @@ class AveragesSettings:
     length: float = 1.0  # [s] over which is averaged
     delay: float = 0.5  # [s] by which a message may be later than others
     least: int = 5  # readings of wheels and of the inertial sensor in that time
+    shortest: float = 30.0  # [s] of a recording that can determine what changes so slowly
 
 
 AVERAGES = AveragesSettings()
