@@ -8,6 +8,7 @@ import pytest
 from vsense_ros.estimation.timeline import Event
 from vsense_ros.files.installed import vehicle_path
 from vsense_ros.files.vehicle import load_vehicle
+from vsense_ros.model.sensors import BodyVelocity
 from vsense_ros.runner import Runner
 from vsense_ros.runner.adapter import Apart
 from vsense_ros.runner.outage_judge import OutageJudge
@@ -45,3 +46,13 @@ def test_the_speed_errs_by_an_acceleration_that_nobody_measures_once_it_is_unkno
     assert apart.place == pytest.approx(0.1 * 8.5**2 / 2, rel=0.05)
     of.hear(Event(min(of.hears), 2, np.zeros(2), np.ones(2)))
     assert of.apart is None
+
+
+def test_the_speed_is_as_well_known_as_before_while_an_optical_sensor_measures_it() -> None:
+    car = load_vehicle(vehicle_path("genesis"))
+    runner = Runner(car.model_copy(update={"sensors": {**car.sensors, "optical": BodyVelocity()}}))
+    of = next(one for one in runner.judges if isinstance(one, OutageJudge))
+    assert without_gnss(of, 10.0).ahead > 0.5
+    optical = runner.intake.health[list(runner.sensors).index("optical")]
+    optical.last_stamp = optical.last_received = 1
+    assert without_gnss(of, 10.0).ahead == 0.0

@@ -3,7 +3,8 @@
 A filter takes errors of inertial sensors for white noise and slow biases, and what GNSS has shown of these holds only
 for a while. Scale, mounting and the squat of a car are in proportion to what it does, and the grade of a road that
 nobody measures is felt as acceleration. So from a second and a half without GNSS on, the published covariances of
-heading and place grow with the angle turned and the way gone, and where no wheel is heard that of the speed with time.
+heading and place grow with the angle turned and the way gone, and where no sensor of the car measures its speed, as
+wheels or an optical sensor do, that of the speed with time.
 """
 
 from __future__ import annotations
@@ -25,7 +26,7 @@ class OutageSettings:
 
     begins: float = 1.5  # [s] without GNSS
     scale: float = GYRO_SCALE_DEVIATION  # [-] of a gyro
-    acceleration: float = 0.1  # [m/s²] along the car, while no wheel is heard
+    acceleration: float = 0.1  # [m/s²] along the car, while no sensor measures the speed
 
 
 OUTAGE = OutageSettings()
@@ -38,14 +39,14 @@ class OutageJudge(Judge):
         super().__init__()
         self._adapter, self._intake = adapter, intake
         sensors = tuple(adapter.sensors.values())
-        self._wheels = place_of(sensors, "rolling speed")
+        self._speeds = [i for i, sensor in enumerate(sensors) if sensor.measures_speed and not sensor.on_map]
         self.hears = frozenset(i for i, sensor in enumerate(sensors) if sensor.on_map)
         self.judged = adapter.knows_car and bool(self.hears) and place_of(sensors, "rates and forces") >= 0
         self.forget(0)
 
     def forget(self, stamp: int) -> None:
         self._time = self._turned = self._way = 0.0  # [s], [rad], [m] since GNSS was heard
-        self._unmeasured = 0.0  # [s] of it without wheels
+        self._unmeasured = 0.0  # [s] of it without a sensor of the speed
 
     @property
     def apart(self) -> Apart | None:
@@ -62,7 +63,7 @@ class OutageJudge(Judge):
         self._time += h
         self._turned += h * felt[2] if felt[2] == felt[2] else 0.0
         self._way += h * abs(self._adapter.forward_speed)
-        if self._time > OUTAGE.begins and not (self._wheels >= 0 and self._intake.sends(self._wheels)):
+        if self._time > OUTAGE.begins and not any(map(self._intake.sends, self._speeds)):
             self._unmeasured += h
 
     def settle(self, timeline: Timeline) -> None:
