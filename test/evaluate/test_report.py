@@ -252,9 +252,24 @@ def test_what_was_learnt_stands_on_the_page_as_of_the_end(whole, still, tmp_path
         names=("imu.gyro_bias_x",),
     )
     one = replace(whole, output=recording(*whole.output.channels.values(), learnt))
-    assert one.parameters() == [("imu.gyro_bias_x", 0.0271, 0.01)]
+    assert one.parameters() == [("imu.gyro_bias_x", 0.0271, 0.01, 1.0)]
     page = write_report([one], tmp_path / "report.html", title="learnt", pictures=still).read_text()
-    assert re.search(r"imu: gyro bias x</td><td>\+0\.0271</td><td>0\.01</td>", page)
+    assert re.search(r"imu: gyro bias x</td><td>\+0\.0271</td><td>0\.01</td><td>1</td>", page)
+
+
+def test_a_path_of_unknown_heading_is_not_said_to_go_north(whole):
+    odometry = whole.output["vsense/odometry"]
+    turn = np.linspace(0.0, 2 * np.pi, len(odometry.stamp))
+    circle = np.column_stack([np.sin(turn), np.cos(turn), np.zeros_like(turn)])
+    labels = []
+    for deviation in (0.1, 3.2):  # [rad] of the heading
+        covariance = odometry.columns["pose_covariance"].copy()
+        covariance[:, 35] = deviation**2
+        columns = {**odometry.columns, "position": 50 * circle, "pose_covariance": covariance}
+        channels = {**whole.output.channels, "vsense/odometry": replace(odometry, columns=columns)}
+        axes = compose(replace(whole, output=replace(whole.output, channels=channels))).axes
+        labels.append(next(one.get_ylabel() for one in axes if one.get_title().startswith("Path")))
+    assert labels == ["north of the start [m]", "y from the start [m]"]
 
 
 def test_references_and_estimates_are_no_sensors(whole):

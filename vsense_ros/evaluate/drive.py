@@ -123,13 +123,15 @@ class Drive:
             if info.count and not {"vsense", "reference"} & set(info.topic.strip("/").split("/"))
         ]
 
-    def parameters(self) -> list[tuple[str, float, float]]:
-        """Name, value and standard deviation of what the estimator found out about car and sensors, at the end [SI]."""
+    def parameters(self) -> list[tuple[str, float, float, float]]:
+        """Name, value and standard deviation of what the estimator found out about car and sensors, at the end, and the
+        largest standard deviation of the drive, which that had before it was learnt [SI]."""
         channel = find_channel(self.output, "vsense/parameters")
         if channel is None:
             return []
-        values, deviations = channel.columns["position"][-1], channel.columns["velocity"][-1]
-        return list(zip(channel.names, values.tolist(), deviations.tolist(), strict=True))
+        values, deviations = channel.columns["position"][-1], channel.columns["velocity"]
+        numbers = values.tolist(), deviations[-1].tolist(), deviations.max(axis=0).tolist()
+        return list(zip(channel.names, *numbers, strict=True))
 
     def facts(self) -> list[str]:
         """Duration, distance and speed range of the drive, in words."""

@@ -149,8 +149,9 @@ def _map(axes: Axes, estimates: Mapping[str, Series], truths: Mapping[str, Serie
     axes.margins(0.08)
     if np.array_equal(turn, np.eye(2)):
         axes.set_aspect("equal", adjustable="datalim")
-        axes.set_xlabel("east of the start [m]")
-        axes.set_ylabel("north of the start [m]")
+        lost = _heading_unknown(estimates)
+        axes.set_xlabel("x from the start [m], heading unknown" if lost else "east of the start [m]")
+        axes.set_ylabel("y from the start [m]" if lost else "north of the start [m]")
     else:
         low, high = float(path[:, 1].min()), float(path[:, 1].max())
         half = max(0.75 * (high - low), 1.0)
@@ -158,6 +159,13 @@ def _map(axes: Axes, estimates: Mapping[str, Series], truths: Mapping[str, Serie
         axes.set_xlabel("along the drive [m]")
         axes.set_ylabel("to its left [m], stretched")
     axes.legend(loc="upper right")
+
+
+def _heading_unknown(estimates: Mapping[str, Series]) -> bool:
+    """True if the estimate of the heading on the map says for most of the drive that it knows none, so that the path
+    may be turned by any angle: without GNSS, or any other sensor that knows north."""
+    yaw = estimates.get("yaw")
+    return yaw is not None and yaw.deviation is not None and bool(np.median(yaw.deviation) >= yaw.signal.unknown)
 
 
 def _along_the_path(path: Array) -> Array:
