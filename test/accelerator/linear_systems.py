@@ -45,7 +45,7 @@ def mass_matrices(count: int, seed: int) -> NDArray[np.float64]:
     found = []
     for _ in range(count):
         q = np.concatenate([[0, 0, 0.3], random.normal(0, 0.05, 3), random.normal(0, 0.03, 4), random.normal(0, 9, 4)])
-        inputs = np.concatenate([random.normal(0, 0.2, 1), np.zeros(4)])
+        inputs = np.concatenate([random.normal(0, 0.2, 1), np.zeros(5)])
         found.append(
             np.array(_mass_matrix()(q, inputs, np.zeros(len(DISTURBANCES)), vehicle.parameter_vector(), np.zeros(0)))
         )

@@ -30,7 +30,7 @@ def arguments(vehicle: Vehicle, name: str) -> list[np.ndarray]:
     q, u = np.zeros(14), np.zeros(14)
     q[2] = vehicle.physics.chassis.cog_height
     u[0], u[10:] = 20.0, 20.0 / 0.34
-    state = [q, u, np.zeros(14), np.zeros(len(DISTURBANCES)), np.zeros(5), vehicle.parameter_vector(), np.zeros(0)]
+    state = [q, u, np.zeros(14), np.zeros(len(DISTURBANCES)), np.zeros(6), vehicle.parameter_vector(), np.zeros(0)]
     step = [np.array([0.01]), np.eye(14).ravel(), np.zeros(98)]
     return state + step if name == "advance" else state
 

@@ -124,6 +124,6 @@ def test_forward_dynamics_of_trees_with_more_and_more_bodies(benchmark: Any, bra
 def test_correction_of_the_full_car_by_an_observer(benchmark: Any, vehicle: Vehicle) -> None:
     plant = FullCarPlant(vehicle, 0.004)
     q, u = rolling_straight(vehicle, 12.0)
-    plant.place(q, u, np.zeros(5))
+    plant.place(q, u, np.zeros(6))
     q, u = plant.q + 1e-4, plant.u + 1e-3
     benchmark.pedantic(plant.correct, args=(q, u), rounds=300, warmup_rounds=10)

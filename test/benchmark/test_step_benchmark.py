@@ -50,7 +50,7 @@ def vehicle() -> Vehicle:
 def test_forward_dynamics(benchmark: Any, vehicle: Vehicle) -> None:
     car = car_of(vehicle)
     q, u = rolling_straight(vehicle, SPEED)
-    arguments = [q, u, np.zeros(14), np.zeros(len(DISTURBANCES)), np.zeros(5), vehicle.parameter_vector(), np.zeros(0)]
+    arguments = [q, u, np.zeros(14), np.zeros(len(DISTURBANCES)), np.zeros(6), vehicle.parameter_vector(), np.zeros(0)]
     kernel = Kernel(model_functions(car)["dynamics"], arguments)
     benchmark(kernel.call)
     assert np.isfinite(kernel.results[0]).all()

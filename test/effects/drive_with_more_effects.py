@@ -26,12 +26,13 @@ def add_effects(folder: str) -> None:
 def coasted(vehicle_file: Path, torque: float) -> float:
     from vsense_ros.files.vehicle import load_vehicle
     from vsense_ros.model.car.car import car_of
+    from vsense_ros.model.coordinates import INPUTS, TORQUES
     from vsense_ros.model.simulation.closed_loop import rolling_straight
     from vsense_ros.model.simulation.open_loop import Inputs, OpenLoop
 
     vehicle = load_vehicle(vehicle_file)
-    inputs = np.zeros((2000, 5))
-    inputs[:, 1:] = torque
+    inputs = np.zeros((2000, len(INPUTS)))
+    inputs[:, TORQUES] = torque
     recorded = Inputs(0.005, inputs, np.zeros((2000, 7)))
     drive = OpenLoop(car_of(vehicle), 1).run(*rolling_straight(vehicle, 20.0), recorded, vehicle.parameter_vector())
     return float(drive.u[-1, 0])

@@ -16,7 +16,7 @@ from vsense_ros.files.installed import vehicle_path
 from vsense_ros.files.vehicle import load_vehicle
 from vsense_ros.model import effects
 from vsense_ros.model.car.car import car_of
-from vsense_ros.model.coordinates import WHEELS
+from vsense_ros.model.coordinates import INPUTS, TORQUES, WHEELS
 from vsense_ros.model.effects import BY_ID, EVERY, Effects
 from vsense_ros.model.effects.unmodelled import Unmodelled
 from vsense_ros.model.effects.unmodelled_reading import UnmodelledReading
@@ -84,9 +84,9 @@ def full(bare: Vehicle) -> Vehicle:
 def slalom(step: float = STEP) -> Inputs:
     n = round(DURATION / step)
     middle = (np.arange(n) + 0.5) * step
-    inputs = np.zeros((n, 5))
+    inputs = np.zeros((n, len(INPUTS)))
     inputs[:, 0] = 0.04 * np.sin(2 * np.pi * 0.5 * middle)
-    inputs[:, 1:] = 300 * np.cos(2 * np.pi * 0.2 * middle)[:, None]
+    inputs[:, TORQUES] = 300 * np.cos(2 * np.pi * 0.2 * middle)[:, None]
     return Inputs(step, inputs, np.zeros((n, 7)))
 
 
@@ -186,7 +186,7 @@ def test_a_tyre_that_has_lost_pressure_corners_less_by_its_share_of_the_loss(bar
     q, u = rolling_straight(soft, 20.0)
     u[1] = 0.02  # 1 mrad of side slip: the linear range
     found, as_stiff = (
-        np.array(side(q, u, np.zeros(7), np.zeros(5), soft.with_parameters(changes).parameter_vector()))[0]
+        np.array(side(q, u, np.zeros(7), np.zeros(len(INPUTS)), soft.with_parameters(changes).parameter_vector()))[0]
         for changes in ({}, {"effects.tyre_underinflation.cornering": 0.0})
     )
     assert found / as_stiff == pytest.approx([1, 1, 1, 1 - 0.5 * 0.4], rel=0.01)
@@ -202,7 +202,7 @@ def test_what_a_tyre_pushes_to_one_side_without_slip_fades_where_slip_uses_its_g
     u[1] = 20.0 * slip
     changes = {f"effects.tyre_conicity.{wheel}": 0.05 for wheel in WHEELS}
     without, with_it = (
-        np.array(outputs(q, u, np.zeros(7), np.zeros(5), pushing.with_parameters(c).parameter_vector()))
+        np.array(outputs(q, u, np.zeros(7), np.zeros(len(INPUTS)), pushing.with_parameters(c).parameter_vector()))
         for c in ({}, changes)
     )
     share = (with_it[0] - without[0]) / (0.05 * without[1])
@@ -220,7 +220,8 @@ def test_a_load_swings_as_a_pendulum_on_a_cart_of_whose_mass_it_is_part(bare):
     parameters = swinging.with_parameters({"effects.sloshing_load.mass": share * mass}).parameter_vector()
     for roll, place in ((0.0, 0.05), (0.03, 0.0)):
         q[3] = roll
-        after, force = (np.array(x).ravel() for x in moved(q, u, [place, 0.0], np.zeros(7), np.zeros(5), parameters))
+        unmoved = np.zeros(7), np.zeros(len(INPUTS))
+        after, force = (np.array(x).ravel() for x in moved(q, u, [place, 0.0], *unmoved, parameters))
         # Free on a cart its frequency is that of a fixed pendulum over √(1 - m/M); what holds a tilted body up from
         # below is a force to its side.
         across = (force[0] * np.cos(roll) + force[1] * np.sin(roll)) / mass
@@ -248,7 +249,7 @@ def test_terms_without_known_physics_push_the_chassis_where_they_say(bare):
     )
     q, u = rolling_straight(bare, 20.0)
     u[5] = 0.1  # yaw rate, and with it 2 m/s² to the left
-    found = np.array(force(q, u, np.zeros(5), bare.parameter_vector()))[:, 0]
+    found = np.array(force(q, u, np.zeros(len(INPUTS)), bare.parameter_vector()))[:, 0]
     assert_allclose(found, [20.0, 0, 0, 300.0, 500.0, 0], atol=1e-9)
 
 
@@ -268,7 +269,7 @@ def test_terms_between_the_wheels_of_an_axle_take_from_the_left_what_they_give_t
     torques = ca.vertcat(*(terms.wheel_torque(car.inputs[1 + i], corner, car) for i, corner in enumerate(car.corners)))
     q, u = rolling_straight(bare, 20.0)
     u[5] = 0.1  # yaw rate, and with it 2 m/s² to the left
-    inputs = np.array([0.03, 100.0, 100.0, 50.0, 50.0])
+    inputs = np.array([0.03, 100.0, 100.0, 50.0, 50.0, 0.0])
     found = np.array(ca.Function("torques", [car.q, car.u, car.inputs], [torques])(q, u, inputs))[:, 0]
     assert_allclose(found, [90.0, 110.0, -10.0, 110.0], atol=1e-9)
 
@@ -278,7 +279,7 @@ def test_terms_of_the_front_wheels_turn_them_by_more_the_further_they_are_steere
     angle = Unmodelled(front_angle_steering_squared=0.5).front_angle(ca.SX(0), car, car.internal_state)
     turned = ca.Function("turned", [car.inputs], [angle])
     for side in (1.0, -1.0):
-        assert float(turned([side * 0.1, 0, 0, 0, 0])) == pytest.approx(side * 0.5 * 0.01)
+        assert float(turned([side * 0.1, 0, 0, 0, 0, 0])) == pytest.approx(side * 0.5 * 0.01)
 
 
 def test_terms_in_readings_add_to_what_is_known_of_that_sensor():

@@ -316,10 +316,10 @@ def test_the_plant_moves_as_the_simulation_does(vehicle: Vehicle, tmp_path: Path
     fmu.write(vehicle, path, 3, plant=True, optimised=QUICK)
     assert validate_fmu(str(path)) == []
     unit = fmu_check.Running(path, fmu.Unit(vehicle, plant=True), 3, 15.0)
-    inputs = np.array([0.02, 0.0, 0.0, 40.0, 40.0])
+    inputs = np.array([0.02, 0.0, 0.0, 40.0, 40.0, 0.0])
     truth = simulate(vehicle, lambda *_: inputs, 1.0, step=fmu.PLANT_STEP, **_start(vehicle, unit))
     unit.set("steering", inputs[:1])
-    unit.set("torque", inputs[1:])
+    unit.set("torque", inputs[1:5])
     for k in range(100):
         unit.step(0.01 * k, 0.01)
     found = unit.get("state")

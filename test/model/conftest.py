@@ -53,7 +53,7 @@ def driving(vehicle: Vehicle) -> Callable[[int], dict[str, Array]]:
             "u": u,
             "force": random.normal(size=14) * np.array([500] * 6 + [100] * 8),
             "disturbances": random.uniform(-1, 1, 7) * np.array([0.1, 0.05, 2e-3, 2e-3, 10.0, 0.02, 0.005]),
-            "inputs": np.array([random.uniform(-0.5, 0.5), *random.uniform(-1500, 1500, 4)]),
+            "inputs": np.array([random.uniform(-0.5, 0.5), *random.uniform(-1500, 1500, 4), 0.0]),
             "p": vehicle.parameter_vector(),
             "internal_state": np.zeros(0),
         }

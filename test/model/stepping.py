@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from vsense_ros.codegen import Kernel
 from vsense_ros.model.car.car import car_of
 from vsense_ros.model.car.steps import GAMMA, model_functions
-from vsense_ros.model.coordinates import DISTURBANCES
+from vsense_ros.model.coordinates import DISTURBANCES, INPUTS
 from vsense_ros.model.vehicle import Vehicle
 
 Array = NDArray[np.float64]
@@ -26,7 +26,7 @@ class Stepper:
             self.q[:] = q
         if u is not None:
             self.u[:] = u
-        self.force, self.disturbances, self.inputs = np.zeros(14), np.zeros(len(DISTURBANCES)), np.zeros(5)
+        self.force, self.disturbances, self.inputs = np.zeros(14), np.zeros(len(DISTURBANCES)), np.zeros(len(INPUTS))
         self._h, self._inverse, self._by_q = np.zeros(1), np.zeros(196), np.zeros(98)
         functions = model_functions(car_of(vehicle))
         state = [self.q, self.u, self.force, self.disturbances, self.inputs]

@@ -17,7 +17,7 @@ from numpy.testing import assert_allclose
 from pinocchio_car import PIN_ORDER, VERTICAL, G, Twin
 from vsense_ros.model.car.car import Car
 from vsense_ros.model.car.steps import dynamics_function
-from vsense_ros.model.coordinates import BANK_CHANGE, GRADE_CHANGE, RADIUS_ERROR, STEERING_OFFSET
+from vsense_ros.model.coordinates import BANK_CHANGE, GRADE_CHANGE, INPUTS, RADIUS_ERROR, STEERING_OFFSET
 from vsense_ros.model.effects import Effects
 from vsense_ros.model.parameter import symbols, vector
 from vsense_ros.model.tyres import TMeasy, TyreInput
@@ -173,7 +173,7 @@ def test_a_load_to_one_side_takes_its_inertia_with_it_as_in_pinocchio(share, veh
     )
     car, demand = Car(laden), ca.SX.sym("a", 14)
     force = ca.Function("force", [car.q, car.inputs, car.disturbances, car.p, demand], [car.inertia_times(demand)])
-    resting = np.zeros(14), np.zeros(5), np.zeros(7), laden.parameter_vector()
+    resting = np.zeros(14), np.zeros(len(INPUTS)), np.zeros(7), laden.parameter_vector()
     found = np.column_stack([np.asarray(force(*resting, unit))[:, 0] for unit in np.eye(14)])
 
     twin = Twin.of(vehicle, 0.0)

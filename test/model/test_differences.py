@@ -10,6 +10,7 @@ from numpy.testing import assert_allclose
 
 from vsense_ros import codegen
 from vsense_ros.model.car.car import car_of
+from vsense_ros.model.coordinates import INPUTS, TORQUES
 from vsense_ros.model.simulation.closed_loop import rolling_straight
 from vsense_ros.model.simulation.differences import Differences
 from vsense_ros.model.simulation.open_loop import Inputs, OpenLoop, Run
@@ -30,9 +31,9 @@ CHANGES = {
 def driven(vehicle, speed: float) -> Run:
     """A slalom in which the car is driven and then braked."""
     middle = (np.arange(STEPS) + 0.5) * STEP
-    inputs = np.zeros((STEPS, 5))
+    inputs = np.zeros((STEPS, len(INPUTS)))
     inputs[:, 0] = 0.03 * np.sin(2.5 * middle)
-    inputs[:, 1:] = (-65.0 - 185.0 * np.tanh((middle - 3.0) / 0.4))[:, None]
+    inputs[:, TORQUES] = (-65.0 - 185.0 * np.tanh((middle - 3.0) / 0.4))[:, None]
     return Run(
         *rolling_straight(vehicle, speed), Inputs(STEP, inputs, np.zeros((STEPS, 7))), vehicle.parameter_vector()
     )

@@ -12,6 +12,7 @@ from stepping import Stepper
 from vsense_ros.files.vehicle import load_vehicle
 from vsense_ros.model.car.car import car_of
 from vsense_ros.model.car.steps import model_functions
+from vsense_ros.model.coordinates import TORQUES
 from vsense_ros.model.simulation.closed_loop import rolling_radii
 from vsense_ros.model.vehicle import Vehicle
 
@@ -125,7 +126,7 @@ def test_with_locked_wheels_it_slides_to_a_halt_and_stays(car):
     stepper = rolling(car, 15.0)
 
     def brake(stepper: Stepper) -> None:
-        stepper.inputs[1:] = -900.0 * np.tanh(stepper.u[10:] / 4)
+        stepper.inputs[TORQUES] = -900.0 * np.tanh(stepper.u[10:] / 4)
 
     stepper.run(0.5, STEP, brake)
     assert np.all(np.abs(stepper.u[10:]) < 0.1 * stepper.u[0] / 0.27)
@@ -152,7 +153,7 @@ def test_on_locked_wheels_it_loses_the_speed_that_friction_takes_at_every_step_l
 
     def brake(stepper: Stepper) -> None:
         nonlocal asked
-        stepper.inputs[1:] = -1500.0 * np.tanh(stepper.u[10:])
+        stepper.inputs[TORQUES] = -1500.0 * np.tanh(stepper.u[10:])
         asked += stepper.acceleration[0] * step
 
     stepper.run(1.0, step, brake)
@@ -167,7 +168,7 @@ def test_on_locked_wheels_it_loses_the_speed_that_friction_takes_at_every_step_l
 def test_long_steps_stop_it_on_locked_wheels_where_short_ones_do(car):
     def stopped(step: float) -> float:
         def brake(stepper: Stepper) -> None:
-            stepper.inputs[1:] = -1500.0 * np.tanh(stepper.u[10:] / 20)
+            stepper.inputs[TORQUES] = -1500.0 * np.tanh(stepper.u[10:] / 20)
 
         stepper = rolling(car, 8.0).run(3.0, step, brake)
         at_rest(stepper, car)
@@ -181,7 +182,7 @@ def test_a_car_that_turns_round_while_it_slides_comes_to_rest(car):
     stepper.u[1], stepper.u[5] = 6.0, 4.0
 
     def brake(stepper: Stepper) -> None:
-        stepper.inputs[1:] = -300.0 * np.tanh(stepper.u[10:] / 2)
+        stepper.inputs[TORQUES] = -300.0 * np.tanh(stepper.u[10:] / 2)
 
     stepper.run(10.0, STEP, brake)
     assert abs(stepper.q[5]) > np.pi / 2

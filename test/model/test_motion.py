@@ -8,6 +8,7 @@ from numpy.testing import assert_allclose
 
 from pinocchio_car import PIN_ORDER, G, Twin, pin
 from stepping import Stepper
+from vsense_ros.model.coordinates import TORQUES
 from vsense_ros.model.vehicle import Vehicle
 
 LOSSLESS = {
@@ -159,7 +160,7 @@ def test_braking_moves_load_forward_by_mass_times_deceleration_times_height_over
     car.u[0] = 30.0
     car.u[10:] = 30.0 / 0.335
     before = car.wheels[2]
-    car.inputs[1:] = -900, -900, -500, -500
+    car.inputs[TORQUES] = -900, -900, -500, -500
     car.run(3.0, 2e-3)
     chassis = vehicle.physics.chassis
     wheelbase = chassis.cog_to_front_axle + chassis.cog_to_rear_axle
@@ -190,7 +191,7 @@ def test_load_transfer_of_each_axle_in_a_steady_bend_follows_from_roll_stiffness
     car.inputs[0] = 0.02
 
     def hold_speed(car: Stepper) -> None:
-        car.inputs[3:] = 500 * (20.0 - car.u[0])
+        car.inputs[3:5] = 500 * (20.0 - car.u[0])
 
     car.run(6.0, 2e-3, hold_speed)
     assert np.abs(car.acceleration).max() < 1e-3

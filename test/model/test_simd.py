@@ -16,6 +16,7 @@ from vsense_ros import codegen
 from vsense_ros.codegen import simd
 from vsense_ros.model.car.car import car_of
 from vsense_ros.model.constants import GRAVITY
+from vsense_ros.model.coordinates import INPUTS
 from vsense_ros.model.effects import Effects
 from vsense_ros.model.effects.sloshing_load import SloshingLoad
 from vsense_ros.model.effects.tyre_heating import TyreHeating
@@ -94,7 +95,7 @@ def test_an_operation_that_lanes_do_not_know_is_refused_by_name():
 
 def driven(vehicle, steps: int, amplitude: float, speed: float = 20.0) -> Run:
     middle = (np.arange(steps) + 0.5) * 0.005
-    inputs = np.zeros((steps, 5))
+    inputs = np.zeros((steps, len(INPUTS)))
     inputs[:, 0] = amplitude * np.sin(4 * middle)
     return Run(
         *rolling_straight(vehicle, speed), Inputs(0.005, inputs, np.zeros((steps, 7))), vehicle.parameter_vector()

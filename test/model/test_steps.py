@@ -33,7 +33,7 @@ def cornering(vehicle) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     q[2] = vehicle.physics.chassis.cog_height
     u[0], u[1], u[5] = 25.0, 0.2, 0.1
     u[10:] = 25.0 / 0.334
-    return q, u, np.array([0.03, -300.0, -300.0, -150.0, -150.0])
+    return q, u, np.array([0.03, -300.0, -300.0, -150.0, -150.0, 0.0])
 
 
 def sliding(vehicle) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -41,7 +41,7 @@ def sliding(vehicle) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     q, u, inputs = cornering(vehicle)
     u[0], u[1], u[5] = 3.0, 0.1, 0.05
     u[10:] = (3.0 - 1.2) / 0.334
-    return q, u, inputs + np.array([0.0, -1700.0, -1700.0, -1350.0, -1350.0])
+    return q, u, inputs + np.array([0.0, -1700.0, -1700.0, -1350.0, -1350.0, 0.0])
 
 
 @pytest.mark.parametrize("exact_jacobian", [True, False])

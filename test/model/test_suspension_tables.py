@@ -21,7 +21,7 @@ from stepping import Stepper
 from vsense_ros.model.car.car import Car
 from vsense_ros.model.car.kinematics import kinematics
 from vsense_ros.model.car.steps import dynamics_function, force_function, linearize_function
-from vsense_ros.model.coordinates import DYNAMIC_COORDINATES
+from vsense_ros.model.coordinates import DYNAMIC_COORDINATES, TORQUES
 from vsense_ros.model.parameter import symbols, vector
 from vsense_ros.model.schema.suspension_tables import AxleTable, SuspensionTables
 from vsense_ros.model.tyres import TMeasy, TyreInput
@@ -241,7 +241,7 @@ def state_of(vehicle: Vehicle, seed: int, travel: float, steering: float) -> dic
         "u": u,
         "force": random.normal(size=14) * np.array([500] * 6 + [100] * 8),
         "disturbances": np.zeros(7),
-        "inputs": np.array([random.uniform(-steering, steering), *random.uniform(-800, 800, 4)]),
+        "inputs": np.array([random.uniform(-steering, steering), *random.uniform(-800, 800, 4), 0.0]),
         "p": vehicle.parameter_vector(),
         "internal_state": np.zeros(0),
     }
@@ -257,7 +257,7 @@ def expected_forces(bodies: Bodies, state: dict[str, np.ndarray]) -> tuple[np.nd
     own = np.asarray(bodies.own_forces(q, inputs[0], rate))[:, 0]
     extra = state["force"].copy()
     extra[0] -= 0.5 * 1.204 * vehicle.physics.aerodynamics.drag_area * abs(u[0]) * u[0]
-    extra[10:] += inputs[1:]
+    extra[10:] += inputs[TORQUES]
     total = own + np.linalg.solve(to_rate.T, extra)
     outputs = np.zeros((7, 4))
     motion = [np.asarray(r) for r in bodies.wheel_motion(q, inputs[0])]

@@ -103,7 +103,7 @@ def test_wheels_of_the_simplified_car_slip_lean_and_press_as_those_of_the_full_c
         q[:6] += random.uniform(-1, 1, 6) * [5, 5, 0.002, 0.003, 0.002, 3] - [0, 0, bounce, 0, 0, 0]
         q[6:10] = bounce + random.uniform(-0.002, 0.002, 4)
         u += random.uniform(-1, 1, 14) * ([0.5] * 3 + [0.4] * 3 + [0.4] * 4 + [2.0] * 4)
-        inputs = np.array([random.uniform(-0.3, 0.3), 0, 0, 0, 0])
+        inputs = np.array([random.uniform(-0.3, 0.3), 0, 0, 0, 0, 0])
         plant.place(q, u, inputs)
         found = np.asarray(dynamics(q, u, np.zeros(14), np.zeros(7), inputs, vehicle.parameter_vector(), [])[1])
         expected = plant.wheels

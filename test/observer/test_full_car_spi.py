@@ -45,7 +45,7 @@ def cornering(spi: FullCarSpi) -> FullCarSpi:
     """A filter amid a turn, linearised there."""
     spi.start_rolling(15.0)
     for _ in range(100):
-        spi.inputs[:] = 0.06, 0.0, 0.0, 150.0, 150.0
+        spi.inputs[:] = 0.06, 0.0, 0.0, 150.0, 150.0, 0.0
         spi.predict(0.004)
     return spi
 
@@ -89,7 +89,7 @@ def test_the_sensitivity_of_the_state_is_what_another_parameter_makes_of_it(
         spi.linearize()
     for _ in range(40):
         for spi in (one, other):
-            spi.inputs[:] = 0.06, 0.0, 0.0, 150.0, 150.0
+            spi.inputs[:] = 0.06, 0.0, 0.0, 150.0, 150.0, 0.0
             spi.predict(0.004)
     difference = (other.car.mean - one.car.mean)[14:20] / step
     np.testing.assert_allclose(one.sensitivity[14:20, 0], difference, atol=0.1 * np.abs(difference).max())
@@ -139,7 +139,7 @@ def test_without_uncertain_parameters_it_is_the_errorekf(vehicle: Vehicle) -> No
         f.start_rolling(10.0)
         f.linearize()
         for i in range(30):
-            f.inputs[:] = 0.002 * i, 0.0, 0.0, 100.0, 100.0
+            f.inputs[:] = 0.002 * i, 0.0, 0.0, 100.0, 100.0, 0.0
             f.predict(0.004)
             f.correct("imu", np.array([0.0, 0.0, 0.1, 0.3, 1.0, 9.8]), np.full(6, 1e-2), np.inf)
     np.testing.assert_allclose(spi.car.mean, alone.car.mean, rtol=1e-5, atol=1e-5)

@@ -46,7 +46,7 @@ def placed(seed: int) -> list[np.ndarray]:
     random = np.random.default_rng(seed)
     q = np.concatenate([[0, 0, 0.3], random.normal(0, 0.05, 3), random.uniform(-0.15, 0.15, 4), random.normal(0, 9, 4)])
     u = np.concatenate([[15.0, 0.2, 0.0], random.normal(0, 0.3, 7), np.full(4, 50.0)])
-    inputs = np.concatenate([random.uniform(-0.4, 0.4, 1), random.normal(0, 100, 4)])
+    inputs = np.concatenate([random.uniform(-0.4, 0.4, 1), random.normal(0, 100, 4), [0.0]])
     return [q, u, np.zeros(len(DISTURBANCES)), inputs, VEHICLE.parameter_vector(), np.zeros(0)]
 
 

@@ -52,7 +52,7 @@ def test_where_the_state_is_well_known_the_ukf_is_the_dekf(independent: Vehicle)
     for f in filters:
         f.start_rolling(15.0)
         f.car.mean[15], f.car.mean[19] = -0.2, 0.3
-        f.inputs[:] = 0.05, 0.0, 0.0, 100.0, 100.0
+        f.inputs[:] = 0.05, 0.0, 0.0, 100.0, 100.0, 0.0
         f.car.covariance *= 1e-8
         f.linearize()
         f.predict(0.004)

@@ -55,7 +55,7 @@ def cornering(spi: Spi) -> Spi:
     spi.start_rolling(15.0)
     spi.car.mean[15], spi.car.mean[19] = -0.3, 0.4
     spi.car.mean[6:10] = 0.012, -0.012, 0.01, -0.01
-    spi.inputs[:] = 0.06, 0.0, 0.0, 150.0, 150.0
+    spi.inputs[:] = 0.06, 0.0, 0.0, 150.0, 150.0, 0.0
     spi.linearize()
     return spi
 
@@ -85,7 +85,7 @@ class TestLinearCase:
         kinematics = kalman.model.kinematics.results
         f = joint_transition(kalman, h, decay, effect)
         model = [kalman.model.udot, kalman.model.by_q, kalman.model.by_u, kalman.model.by_disturbances]
-        unused = [np.zeros(k) for k in (14, 14, 14, 7, 5, int(seen.size1_in(5)))]
+        unused = [np.zeros(k) for k in (14, 14, 14, 7, 6, int(seen.size1_in(5)))]
         for _ in range(4):
             state = f[:N] @ np.append(state, theta)
             kalman.propagate(h, decay, noise)
@@ -303,7 +303,7 @@ def test_where_brakes_begin_to_act_a_filter_without_c_does_what_c_does(vehicle: 
     brakes = []
     for spi in both:
         spi.start_rolling(1.02)
-        spi.inputs[:] = 0.1, 0.0, 0.0, -150.0, -150.0
+        spi.inputs[:] = 0.1, 0.0, 0.0, -150.0, -150.0, 0.0
         spi.linearize()
         for _ in range(20):
             brakes.append(spi.car.brakes)

@@ -24,6 +24,7 @@ class Role(StrEnum):
     TORQUES = "wheel_torques"
     BRAKES = "brake_pressure"
     SUSPENSION = "suspension"
+    REAR_STEERING = "rear_steering"
 
 
 Topics = Mapping[Role, str]

@@ -84,7 +84,7 @@ class Exported(ExportedFilter):
 
     @property
     def inputs(self) -> NDArray[Any]:
-        """What drives the model (5,), in the struct."""
+        """What drives the model (6,), in the struct."""
         return self.parts["inputs"]
 
     @property

@@ -95,9 +95,13 @@ def _state_entries() -> tuple[Entry, ...]:
 
 
 STATE_ENTRIES = _state_entries()
+_ANGLES = {
+    "steering": "mean angle of the front wheels, positive to the left",
+    "rear_steering": "angle of the rear wheels, positive to the left; 0 where they are not steered",
+}
 INPUT_ENTRIES = tuple(
-    Entry(name.upper(), "rad", "mean angle of the front wheels, positive to the left")
-    if name == "steering"
+    Entry(name.upper(), "rad", _ANGLES[name])
+    if name in _ANGLES
     else Entry(name.upper(), "N m", "on the wheel, drive minus brake; 0 where unknown")
     for name in INPUTS
 )

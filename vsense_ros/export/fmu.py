@@ -97,7 +97,7 @@ class Unit:
             Variable("start_y", "start_y", "PARAMETER", (Entry("", "m", "position at the start, north"),), 0.0),
             Variable("start_yaw", "start_yaw", "PARAMETER", (Entry("", "rad", "heading at the start"),), 0.0),
         ]
-        steering, *torques = [Entry(e.name.lower(), e.unit, e.meaning) for e in INPUT_ENTRIES]
+        steering, *torques, rear_steering = [Entry(e.name.lower(), e.unit, e.meaning) for e in INPUT_ENTRIES]
         if self.plant:
             slopes = tuple(
                 Entry(n, "rad", f"slope of the road, {how}")
@@ -109,7 +109,7 @@ class Unit:
                 Variable("slope", "slopes", "INPUT", slopes, 0.0),
             ]
         else:
-            given.append(Variable("input", "v.inputs", "INPUT", (steering, *torques), 0.0))
+            given.append(Variable("input", "v.inputs", "INPUT", (steering, *torques, rear_steering), 0.0))
             for sensor in self.sensors:
                 place = f"measured[{sensor.first}]"
                 given.append(Variable(sensor.name, place, "INPUT", sensor.elements, 0.0, may_miss=True))

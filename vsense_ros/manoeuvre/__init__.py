@@ -16,6 +16,7 @@ from vsense_ros.manoeuvre import (
     double_lane_change,
     hills,
     leung_tracks,
+    rear_step_steer,
     sine_with_dwell,
     slow_ramp_steer,
     steady_state_circle,
@@ -42,7 +43,7 @@ TESTS = (
     *STANDARD,
     *(m.MANOEUVRE for m in (accelerate_and_brake, coast_down, slow_ramp_steer, steering_sweep)),
 )
-_OTHERS = (stop_and_go.MANOEUVRE, *throttle_and_steer.MANOEUVRES, *leung_tracks.MANOEUVRES)
+_OTHERS = (stop_and_go.MANOEUVRE, rear_step_steer.MANOEUVRE, *throttle_and_steer.MANOEUVRES, *leung_tracks.MANOEUVRES)
 MANOEUVRES = {m.name: m for m in (*TESTS, *ON_ROADS, *_OTHERS)}
 STEP = 1e-3  # [s] of the simulation
 _OVERTURNED = 1.0  # [rad] of roll, from which no car comes back

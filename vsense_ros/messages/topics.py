@@ -36,6 +36,7 @@ INPUTS: Mapping[str, Topic] = MappingProxyType(
         "vehicle/wheel_torques": Topic("sensor_msgs/msg/JointState", names=_wheels("wheel")),
         "vehicle/brake_pressure": Topic("sensor_msgs/msg/JointState", names=_wheels("wheel")),
         "vehicle/suspension": Topic("sensor_msgs/msg/JointState", names=_wheels("suspension")),
+        "vehicle/rear_steering": Topic("sensor_msgs/msg/JointState", names=("road_wheel_rear",)),
     }
 )
 

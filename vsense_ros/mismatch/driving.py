@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import uniform_filter1d
 
+from vsense_ros.errors import InputError
 from vsense_ros.identification.parameter_set import ParameterSet
 from vsense_ros.mismatch.candidates import TORQUE_SHARES
 from vsense_ros.mismatch.prediction_settings import PREDICTION, middle_of_steps
@@ -43,6 +44,10 @@ class Drives:
     """The inputs of a car in each window of a data set; `names` are those of its parameters, in order."""
 
     def __init__(self, vehicle: Vehicle, dataset: Dataset, names: Sequence[str]) -> None:
+        if vehicle.physics.steering.rear:
+            raise InputError(
+                f"{vehicle.name}: cars that steer their rear wheels (physics.steering.rear) are not explained"
+            )
         self.vehicle, self.dataset, self.names = vehicle, dataset, names
         self.radius = float(np.mean(rolling_radii(vehicle)))
 

@@ -30,6 +30,7 @@ __all__ = [
     "POSITION",
     "RADIUS_ERROR",
     "RATES",
+    "REAR_STEERING",
     "ROAD",
     "ROAD_HEIGHT",
     "ROLL",
@@ -67,10 +68,12 @@ SPEED_X, SPEED_Y, SPEED_Z, ROLL_RATE, PITCH_RATE, YAW_RATE = range(6)
 VELOCITY, RATES = slice(0, 3), slice(3, 6)
 TWIST = slice(0, 6)  # velocity and rates
 
-# Inputs of the dynamics: road-wheel angle [rad], its slow error is a bias, and wheel torques, drive minus brake [N m].
-INPUTS = ("steering", *(f"torque_{wheel}" for wheel in WHEELS))
+# Inputs of the dynamics: road-wheel angle [rad], its slow error is a bias, wheel torques, drive minus brake [N m], and
+# the angle of the rear wheels of a car that steers them, to the left [rad].
+INPUTS = ("steering", *(f"torque_{wheel}" for wheel in WHEELS), "rear_steering")
 STEERING = 0
 TORQUES = slice(1, 5)
+REAR_STEERING = 5
 
 # Slowly varying quantities that enter the dynamics: slope of the road along and across the car (positive uphill, and
 # positive where the left side is higher) [rad], what both change by along the way [rad/m], height of the road over the

@@ -90,6 +90,15 @@ class Vehicle(Part):
         return self
 
     @model_validator(mode="after")
+    def _what_is_measured_at_the_rear_wheels_steers_them(self) -> Vehicle:
+        if not self.physics.steering.rear and any("rear steering" in s.measures for s in self.sensors.values()):
+            raise ValueError(
+                "a sensor measures the angle of the rear wheels, but physics.steering.rear says that they are not "
+                "steered: set it to true"
+            )
+        return self
+
+    @model_validator(mode="after")
     def _estimated_parameters_exist_and_start_within_their_bounds(self) -> Vehicle:
         values = self.values()
         for name, settings in self.observer.parameters.items():

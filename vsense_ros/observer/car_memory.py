@@ -76,7 +76,7 @@ class CarMemory:
     """The state, covariance and last linearisation of one vehicle with one set of sensors.
 
     `mean` (n,) holds coordinates, velocities, generalized forces, disturbances and biases; `covariance` (n, n) belongs
-    to the errors of the same elements, with accelerations [m/s², rad/s²] in place of the forces. `inputs` (5,) drive
+    to the errors of the same elements, with accelerations [m/s², rad/s²] in place of the forces. `inputs` (6,) drive
     the model, `surveyed` (4,) is where the road was last looked up, east and north [m], and for each of its slopes 1
     where it was known. All this and the last linearisation stand in `memory`. A filter that is built upon this one may
     keep `extra` numbers of its own there.

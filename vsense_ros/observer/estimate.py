@@ -23,6 +23,7 @@ from vsense_ros.model.coordinates import (
     SLIP,
     SPIN,
     STEERING_OFFSET,
+    TORQUES,
     VELOCITY,
     WHEELS,
     YAW,
@@ -63,7 +64,7 @@ class Estimate:
 
     stamp: int  # [ns]
     state: Array  # (n,) all that the filter estimates
-    inputs: Array  # (5,) as model.car.INPUTS
+    inputs: Array  # (6,) as model.coordinates.INPUTS
     udot: Array  # (14,) derivatives of the velocities
     model_wheels: Array  # (7, 4) as Car.wheel_outputs
     covariance: Array  # (n, n) of the errors of the state
@@ -248,7 +249,7 @@ class Estimate:
     def wheel_torques(self) -> Array:
         """Drive minus brake of each wheel, (4,) [N m]: what the inputs have, and what the wheels' spins showed to be
         missing. Where there are no such inputs, errors of tyre force and rolling resistance are among it."""
-        return self.inputs[..., 1:] + self.state[..., FORCE][..., SPIN]
+        return self.inputs[..., TORQUES] + self.state[..., FORCE][..., SPIN]
 
     @property
     def wheel_deviations(self) -> Array:

@@ -21,7 +21,7 @@ from vsense_ros.estimation.ekf import Ekf
 from vsense_ros.estimation.filter import Gaussian, Given, Innovation, Measured, Step
 from vsense_ros.estimation.gaussian import COMPONENTS
 from vsense_ros.model.car.car import Car
-from vsense_ros.model.coordinates import COORDINATES
+from vsense_ros.model.coordinates import COORDINATES, STEERING, TORQUES
 from vsense_ros.model.sensors import SensorBase
 from vsense_ros.observer.car_blocks import CarBlocks
 from vsense_ros.observer.car_operations import CarOperations, Learned
@@ -204,7 +204,9 @@ class Spi(CarFilter):
         Raises `InputError` for a parameter without any effect on what is measured.
         """
         trial, scale = SETTINGS, np.maximum(self.prior_deviation, np.abs(self._initial))
-        amplitude = np.array([trial.trial_steering, 0.0, 0.0, trial.trial_torque, trial.trial_torque])
+        amplitude = np.zeros(len(self.inputs))
+        amplitude[STEERING] = trial.trial_steering
+        amplitude[TORQUES] = 0.0, 0.0, trial.trial_torque, trial.trial_torque
         total = np.zeros(len(self.parameter_names))
         for speed in trial.trial_speeds:
             self.start_rolling(speed)

@@ -38,6 +38,7 @@ from vsense_ros.model.coordinates import (
     DISTURBANCES,
     INPUTS,
     RATES,
+    REAR_STEERING,
     SPIN,
     STEERING,
     STEERING_OFFSET,
@@ -142,8 +143,11 @@ class Car:
         return self._effects.front_angle(self.inputs[STEERING] - self.disturbances[STEERING_OFFSET], self)
 
     def _toe(self, corner: Corner) -> ca.SX:
-        """Angle by which effects turn a wheel to the left [rad]."""
-        return self._effects.toe(ca.SX(0), corner, self)
+        """Angle by which rear steering and effects turn a wheel to the left [rad]."""
+        rear = ca.SX(0)
+        if self.parameters.steering.rear:
+            rear = (1 - self.placement[4 + corner.index // 2]) * self.inputs[REAR_STEERING]
+        return self._effects.toe(rear, corner, self)
 
     def _guide(self, corner: Corner, travel: ca.SX, angle: ca.SX) -> HubMotion:
         """How the hub moves at a `travel` [m] and a mean `angle` of the front wheels [rad]."""
@@ -334,6 +338,7 @@ def car_of(vehicle: Vehicle) -> Car:
     structure = (
         physics.front.tyre.model,
         physics.rear.tyre.model,
+        physics.steering.rear,
         vehicle.suspension,
         *(name for name, _ in numbers(physics)),
     )

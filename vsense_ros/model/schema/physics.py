@@ -59,11 +59,15 @@ class Axle(Part):
 
 
 class SteeringSystem(Part):
-    """Transmission from the steering wheel to the front wheels."""
+    """Transmission from the steering wheel to the front wheels, and whether the rear wheels are steered, too."""
 
     ratio: float = parameter("-", "steering-wheel angle over road-wheel angle", gt=0, lt=100, default=16.0)
     ackermann: float = parameter(
         "-", "0: parallel wheels, 1: Ackermann geometry; suspension tables have their own", ge=-1, le=2, default=1.0
+    )
+    rear: bool = Field(
+        description="whether the rear wheels are steered, by an angle that a sensor rear_steering measures",
+        default=False,
     )
 
 

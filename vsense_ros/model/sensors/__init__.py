@@ -32,6 +32,7 @@ from vsense_ros.model.sensors.gnss_attitude import GnssAttitude
 from vsense_ros.model.sensors.gnss_position import GnssPosition
 from vsense_ros.model.sensors.gnss_velocity import GnssVelocity
 from vsense_ros.model.sensors.imu import Imu
+from vsense_ros.model.sensors.rear_steering import RearSteering
 from vsense_ros.model.sensors.steering import Steering
 from vsense_ros.model.sensors.suspension import Suspension
 from vsense_ros.model.sensors.vehicle_speed import VehicleSpeed
@@ -119,6 +120,7 @@ __all__ = [
     "Imu",
     "JointSensor",
     "MeasuredQuantity",
+    "RearSteering",
     "Response",
     "SensorBase",
     "Steering",

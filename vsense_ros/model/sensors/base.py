@@ -39,7 +39,8 @@ NoiseFromMessage = Annotated[
 # - ground speed: how fast the car moves over ground;
 # - course: velocity to the east and to the north [m/s], hence the direction of travel;
 # - heading: direction of the car on the map; position: east and north [m];
-# - steering: road-wheel angle [rad]; torques: of the wheels fl, fr, rl, rr [N m].
+# - steering: road-wheel angle [rad], rear steering: that of the rear wheels;
+# - torques: of the wheels fl, fr, rl, rr [N m].
 MeasuredQuantity = Literal[
     "rates and forces",
     "rolling speed",
@@ -49,6 +50,7 @@ MeasuredQuantity = Literal[
     "position",
     "height",
     "steering",
+    "rear steering",
     "torques",
 ]
 _OF_THE_MAP: frozenset[MeasuredQuantity] = frozenset({"course", "heading", "position"})

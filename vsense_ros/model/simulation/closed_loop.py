@@ -44,9 +44,10 @@ Array = NDArray[np.float64]
 
 _SLOPES = slice(GRADE, BANK + 1)
 
-# (time [s], q (14,), u (14,)) → road-wheel angle [rad] and wheel torques fl, fr, rl, rr [N m], (5,). It is asked once a
-# step, in order of time, for the middle of the step, with the state at the step's beginning; it may keep a memory, but
-# must not change or keep the arrays it is given.
+# (time [s], q (14,), u (14,)) → road-wheel angle [rad], wheel torques fl, fr, rl, rr [N m], and of a car with rear
+# steering the angle of its rear wheels [rad]: the first of `model.coordinates.INPUTS`. It is asked once a step, in
+# order of time, for the middle of the step, with the state at the step's beginning; it may keep a memory, but must not
+# change or keep the arrays it is given.
 Driver = Callable[[float, Array, Array], Array]
 
 
@@ -59,7 +60,7 @@ class Trajectory:
     u: Array  # (n, 14)
     udot: Array  # (n, 14)
     wheels: Array  # (n, 7, 4) as Car.wheel_outputs
-    inputs: Array  # (n, 5) as model.coordinates.INPUTS, those of the step that begins here
+    inputs: Array  # (n, 6) as model.coordinates.INPUTS, those of the step that begins here
     disturbances: Array | None = None  # (n, 7) as model.coordinates.DISTURBANCES; zeros if not given
 
     @classmethod
@@ -168,7 +169,8 @@ def simulate(
                 [effect.slope(now_q[YAW] - set_out) for effect in road], axis=0
             )
         inputs_at_begin[:] = inputs
-        inputs[:] = driver((i + 0.5) * step, now_q.copy(), now_u.copy())
+        command = driver((i + 0.5) * step, now_q.copy(), now_u.copy())
+        inputs[: len(command)] = command
         inputs_at_begin[:] = (inputs_at_begin + inputs) / 2 if i else inputs
         if move_on is not None:
             move_on.call()

@@ -98,7 +98,7 @@ class Differences:
         return [Known(run, motion, jacobian) for run, motion, jacobian in zip(runs, motions, jacobians, strict=False)]
 
     def _driven(self, run: Run, motion: StateHistory) -> Array:
-        """Inputs (rows, 5) of a run where its states were kept, with what holds the speed of its wheels."""
+        """Inputs (rows, 6) of a run where its states were kept, with what holds the speed of its wheels."""
         inputs = run.inputs.inputs[:: self._loop.keep].copy()
         target, gain = (values[:: self._loop.keep] for values in run.inputs.held)
         inputs[:, TORQUES] += gain * (target - motion.u[:, SPIN].mean(axis=1))[:, None]

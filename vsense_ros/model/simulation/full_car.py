@@ -22,6 +22,7 @@ from vsense_ros.model.coordinates import (
     DISTURBANCES,
     GRADE,
     GRADE_CHANGE,
+    INPUTS,
     PITCH,
     POSE,
     RADIUS_ERROR,
@@ -77,6 +78,8 @@ class FullCarPlant:
         tolerance: float = 1e-9,
         outside: Outside | None = None,
     ) -> None:
+        if vehicle.physics.steering.rear:
+            raise InputError(f"{vehicle.name}: the full car has no rear steering; set physics.steering.rear to false")
         self.car = car or FullCar(vehicle)
         self.step_length = step
         self.rack = rack or steering_rack(vehicle)
@@ -143,7 +146,7 @@ class FullCarPlant:
         self._motion.call()
 
     def step(self, inputs: Array) -> None:
-        """One step with the mean road-wheel angle [rad] and the wheel torques [N m] (5,) of its end."""
+        """One step with the mean road-wheel angle [rad] and the wheel torques [N m], of its end (6,)."""
         self._integrate(inputs)
         self._move_road(self.step_length)
 
@@ -315,7 +318,8 @@ def simulate_full_car(
     start_q, start_u = rolling_straight(vehicle)
     start_q = start_q if q is None else q
     start_u = start_u if u is None else u
-    inputs = np.array(driver(0.0, start_q.copy(), start_u.copy()), dtype=float)
+    inputs, command = np.zeros(len(INPUTS)), driver(0.0, start_q.copy(), start_u.copy())
+    inputs[: len(command)] = command
     plant.place(start_q, start_u, inputs)
     steps = round(duration / step)
     recorded_steps = range(0, steps + 1, keep_every)
@@ -326,7 +330,8 @@ def simulate_full_car(
     row = 0
     for i in range(steps + 1):
         if i:
-            inputs[:] = driver(i * step, plant.q.copy(), plant.u.copy())
+            command = driver(i * step, plant.q.copy(), plant.u.copy())
+            inputs[: len(command)] = command
             plant.step(inputs)
         if i % keep_every == 0:
             result.q[row], result.u[row], result.udot[row] = plant.q, plant.u, plant.udot

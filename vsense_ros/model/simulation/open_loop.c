@@ -5,7 +5,7 @@
  */
 #define COORDINATES 14
 #define DYNAMIC 7
-#define INPUTS 5
+#define INPUTS 6
 #define WHEELS 4
 #define DISTURBANCES 7
 #define SPIN 10

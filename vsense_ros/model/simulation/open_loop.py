@@ -46,7 +46,7 @@ class Inputs:
     """The inputs that drive a run, one row for each of n steps."""
 
     step: float  # [s]
-    inputs: Array  # (n, 5) in the middle of each step, as model.coordinates.INPUTS
+    inputs: Array  # (n, 6) in the middle of each step, as model.coordinates.INPUTS
     disturbances: Array  # (n, 7) as model.coordinates.DISTURBANCES
     varying: Mapping[str, Array] = field(default_factory=dict)  # (n,) each in place of the parameter of this name
     target: Array | None = None  # (n,) mean spin of the wheels [rad/s] that a torque on each of them holds …
