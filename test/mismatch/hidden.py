@@ -13,7 +13,7 @@ from vsense_ros.files.vehicle import load_vehicle
 from vsense_ros.manoeuvre.sensing import record
 from vsense_ros.messages.recording import Recording
 from vsense_ros.model.car.car import car_of
-from vsense_ros.model.coordinates import BANK, BANK_CHANGE, DISTURBANCES, YAW
+from vsense_ros.model.coordinates import BANK, BANK_CHANGE, DISTURBANCES, INPUTS, TORQUES, YAW
 from vsense_ros.model.effects import Effects
 from vsense_ros.model.sensors import WheelTorques
 from vsense_ros.model.simulation.closed_loop import Trajectory, rolling_straight
@@ -91,9 +91,9 @@ def _driven(
 ) -> Recording:
     speed, angle, acceleration = MANOEUVRES[manoeuvre]
     t = (np.arange(round(duration / STEP)) + 0.5) * STEP
-    inputs = np.zeros((len(t), 5))
+    inputs = np.zeros((len(t), len(INPUTS)))
     inputs[:, 0] = angle(t)
-    inputs[:, 1:] = np.outer(600.0 * 0.27 * acceleration(t) / 2, [front, front, 1 - front, 1 - front])
+    inputs[:, TORQUES] = np.outer(600.0 * 0.27 * acceleration(t) / 2, [front, front, 1 - front, 1 - front])
     loop, parameters = OpenLoop(car_of(vehicle), keep=1), vehicle.parameter_vector()
     around = np.zeros((len(t), len(DISTURBANCES)))
     motion = loop.run(*rolling_straight(vehicle, speed), Inputs(STEP, inputs, around), parameters)

@@ -23,7 +23,7 @@ from vsense_ros.mismatch.thresholds import THRESHOLDS
 from vsense_ros.mismatch.validation import Validation
 from vsense_ros.mismatch.windows import build_dataset
 from vsense_ros.model.car.car import car_of
-from vsense_ros.model.coordinates import SPIN, X
+from vsense_ros.model.coordinates import INPUTS, SPIN, TORQUES, X
 from vsense_ros.model.simulation.closed_loop import rolling_radii, rolling_straight
 from vsense_ros.model.simulation.open_loop import Inputs, OpenLoop
 
@@ -97,8 +97,8 @@ def test_a_wheel_that_locks_where_the_real_one_rolled_is_lost_as_well():
 def test_tyres_of_more_longitudinal_stiffness_slip_less_in_proportion():
     def slip(scale: float) -> float:
         vehicle = prototype().with_parameters({f"{axle}.longitudinal_scale": scale for axle in ("front", "rear")})
-        inputs = np.zeros((2000, 5))
-        inputs[:, 1:] = 20.0
+        inputs = np.zeros((2000, len(INPUTS)))
+        inputs[:, TORQUES] = 20.0
         loop = OpenLoop(car_of(vehicle), keep=1)
         start = rolling_straight(vehicle, 20.0)
         u = loop.run(*start, Inputs(STEP, inputs, np.zeros((2000, 7))), vehicle.parameter_vector()).u[-1]

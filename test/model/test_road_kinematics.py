@@ -14,6 +14,7 @@ from scipy.spatial.transform import Rotation
 from vsense_ros.model.car.kinematics import kinematics, motion_of, road_kinematics
 from vsense_ros.model.car.pose import angles, orientation_on_map, position_on_map, tilt_on_map
 from vsense_ros.model.car.road import Road
+from vsense_ros.model.coordinates import INPUTS
 from vsense_ros.model.simulation.surface import Surface, Waves
 
 Array = np.ndarray
@@ -107,7 +108,7 @@ def test_place_and_attitude_on_the_map_are_those_in_space(seed: int) -> None:
     _, _, place, body, q, road = standing(np.random.default_rng(seed))
 
     orientation = orientation_on_map(q, road)
-    symbolic = motion_of(*(ca.SX(x) for x in (q, np.zeros(14), np.zeros(14), road)), ca.SX.zeros(5))
+    symbolic = motion_of(*(ca.SX(x) for x in (q, np.zeros(14), np.zeros(14), road)), ca.SX.zeros(len(INPUTS)))
 
     assert_allclose(Rotation.from_quat(orientation).as_matrix(), body, atol=1e-5)
     roll_pitch_yaw = Rotation.from_quat(orientation).as_euler("ZYX")[::-1]

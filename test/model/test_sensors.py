@@ -14,6 +14,7 @@ from scipy.spatial.transform import Rotation
 
 from vsense_ros.model.car.car import Car
 from vsense_ros.model.car.kinematics import motion_of
+from vsense_ros.model.coordinates import INPUTS
 from vsense_ros.model.sensors import (
     GnssAttitude,
     GnssPosition,
@@ -88,7 +89,7 @@ def measure(car: Car) -> Callable[..., np.ndarray]:
         biases: np.ndarray | None = None,
     ) -> np.ndarray:
         biases = np.zeros(len(sensor.biases())) if biases is None else biases
-        motion = motion_of(*(ca.SX(x) for x in state), ca.SX(disturbances), ca.SX.zeros(5))
+        motion = motion_of(*(ca.SX(x) for x in state), ca.SX(disturbances), ca.SX.zeros(len(INPUTS)))
         return np.asarray(ca.evalf(sensor.equation(motion, ca.SX(biases), ca.SX(sensor.mounting()))))[:, 0]
 
     return value

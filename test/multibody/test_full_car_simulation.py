@@ -7,7 +7,7 @@ import pytest
 from numpy.testing import assert_allclose
 
 from vsense_ros.errors import InputError
-from vsense_ros.model.coordinates import FORCE_Z, GRADE, GRADE_CHANGE, ROAD_HEIGHT, SPEED_X, X, Y
+from vsense_ros.model.coordinates import FORCE_Z, GRADE, GRADE_CHANGE, INPUTS, ROAD_HEIGHT, SPEED_X, X, Y
 from vsense_ros.model.simulation.closed_loop import Trajectory, rolling_straight, simulate
 from vsense_ros.model.simulation.full_car import FullCarPlant, simulate_full_car
 from vsense_ros.model.simulation.surface import Waves
@@ -59,7 +59,7 @@ def test_it_starts_in_the_state_that_it_is_given(vehicle: Vehicle):
     q[6:10] = 0.01, -0.02, 0.005, 0.015
     u[1:10] = 0.2, 0.05, 0.1, -0.2, 0.3, 0.1, -0.15, 0.2, 0.05
     plant = FullCarPlant(vehicle, 0.004)
-    plant.place(q, u, np.zeros(5))
+    plant.place(q, u, np.zeros(len(INPUTS)))
     assert_allclose(plant.q, q, atol=1e-9)
     assert_allclose(plant.u, u, atol=1e-9)
 
@@ -67,7 +67,7 @@ def test_it_starts_in_the_state_that_it_is_given(vehicle: Vehicle):
 def test_a_correction_moves_it_to_the_state_asked_for(vehicle: Vehicle):
     q, u = rolling_straight(vehicle, 12.0)
     plant = FullCarPlant(vehicle, 0.004)
-    plant.place(q, u, np.zeros(5))
+    plant.place(q, u, np.zeros(len(INPUTS)))
     for i in range(50):
         plant.step(np.array([0.001 * i, 0.0, 0.0, 50.0, 50.0]))
     random = np.random.default_rng(3)

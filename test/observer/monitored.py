@@ -13,7 +13,7 @@ from vsense_ros.files.vehicle import load_vehicle
 from vsense_ros.manoeuvre.sensing import record
 from vsense_ros.messages.recording import Channel, Recording
 from vsense_ros.model.car.car import car_of
-from vsense_ros.model.coordinates import DISTURBANCES, GRADE, GRADE_CHANGE
+from vsense_ros.model.coordinates import DISTURBANCES, GRADE, GRADE_CHANGE, INPUTS, TORQUES
 from vsense_ros.model.effects import Effects
 from vsense_ros.model.effects.aero_drag import AeroDrag
 from vsense_ros.model.effects.crosswind import Crosswind
@@ -64,9 +64,9 @@ def driven(
     speed, angle, acceleration = DRIVES[name]
     vehicle = prototype()
     t = (np.arange(round(duration / STEP)) + 0.5) * STEP
-    told = np.zeros((len(t), 5))
+    told = np.zeros((len(t), len(INPUTS)))
     told[:, 0] = angle(t)
-    told[:, 1:] = (vehicle.physics.chassis.mass * RADIUS * acceleration(t) / 4)[:, None]
+    told[:, TORQUES] = (vehicle.physics.chassis.mass * RADIUS * acceleration(t) / 4)[:, None]
     felt, around = told.copy(), np.zeros((len(t), len(DISTURBANCES)))
     felt[t > begin, 1] -= drag
     change = grade / HILL * np.where((t > begin) & (t < begin + HILL / speed), 1.0, 0.0)

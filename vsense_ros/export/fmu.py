@@ -72,9 +72,11 @@ _UNITS = {
 
 class Unit:
     """What a unit of a vehicle consists of. With `scalars` FMI 3 has no arrays: some tools read none. FMI 2 never has
-    any. Raises `InputError` as `export.c.Observer`."""
+    any. Raises `InputError` as `export.c.Observer`, and for a plant with rear steering."""
 
     def __init__(self, vehicle: Vehicle, *, plant: bool = False, scalars: bool = False) -> None:
+        if plant and vehicle.physics.steering.rear:
+            raise InputError(f"{vehicle.name}: a plant has no rear steering; set physics.steering.rear to false")
         self.vehicle, self.plant, self.scalars = vehicle, plant, scalars
         self.contents = Contents(Observer.of(vehicle))
         self.observer = self.contents.observer

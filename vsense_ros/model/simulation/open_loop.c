@@ -1,15 +1,8 @@
 /* Many steps of several cars side by side without a word of Python between them: the compiled twin of open_loop.py,
  * which says what it does. It follows simd.c and what simd.py wrote of the car's functions, in the same file.
  *
- * Arrays from outside have one element of all lanes after the other and may lie anywhere.
+ * Arrays from outside have one element of all lanes after the other and may lie anywhere. open_loop.py writes the sizes.
  */
-#define COORDINATES 14
-#define DYNAMIC 7
-#define INPUTS 6
-#define WHEELS 4
-#define DISTURBANCES 7
-#define SPIN 10
-
 typedef lanes anywhere __attribute__((aligned(sizeof(double))));
 
 const long long lanes_at_once = LANES;
@@ -86,7 +79,7 @@ void open_loop(const struct run *r) {
         for (long long k = 0; k < r->varied; k++) parameters[r->places[k]] = r->varying[r->varied * i + k];
         const lanes behind = r->target[i] - (u[SPIN] + u[SPIN + 1] + u[SPIN + 2] + u[SPIN + 3]) / 4;
         for (int k = 0; k < INPUTS; k++) inputs[k] = r->inputs[INPUTS * i + k];
-        for (int k = 0; k < WHEELS; k++) inputs[1 + k] += r->gain[WHEELS * i + k] * behind;
+        for (int k = 0; k < WHEELS; k++) inputs[TORQUES + k] += r->gain[WHEELS * i + k] * behind;
         if (MEMORY > 0) { /* which belongs to the beginning of the step, inputs to its middle */
             for (int k = 0; k < INPUTS; k++) {
                 between[k] = i > 0 ? (before[k] + inputs[k]) / 2 : inputs[k];

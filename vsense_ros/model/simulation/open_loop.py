@@ -288,6 +288,8 @@ def _compiled(car: Car) -> _Compiled | None:
     functions = _functions(car)
     constants = {
         "MEMORY": car.internal_state.numel(), "GAMMA": repr(GAMMA), "PARAMETERS": car.p.numel(),
+        "COORDINATES": COORDINATES, "DYNAMIC": len(DYNAMIC_COORDINATES), "INPUTS": len(INPUTS), "WHEELS": len(WHEELS),
+        "DISTURBANCES": len(DISTURBANCES), "SPIN": SPIN.start, "TORQUES": TORQUES.start,
         "DYNAMIC_PLACES": ", ".join(map(str, DYNAMIC_COORDINATES)),
     }  # fmt: skip
     defined = "\n".join(f"#define {name} {value}" for name, value in constants.items())
