@@ -58,7 +58,7 @@ def test_runs_of_the_mismatch_search(benchmark, vehicle, count):
     """Ten seconds in a bend, in steps as the search takes them, with every effect."""
     vehicle = with_all_effects(vehicle)
     loop, (q, u, *_) = OpenLoop(car_of(vehicle)), arguments(vehicle, "dynamics")
-    steering = np.array([0.05, 0.0, 0.0, 0.0, 0.0])
+    steering = np.array([0.05, 0.0, 0.0, 0.0, 0.0, 0.0])
     driving = Inputs(0.005, np.tile(steering, (2000, 1)), np.zeros((2000, 7)))
     benchmark.group = "runs of the mismatch search, 10 s each, side by side"
     motions = benchmark(loop.runs, [Run(q, u, driving, vehicle.parameter_vector())] * count)

@@ -85,7 +85,7 @@ def test_what_is_set_before_a_step_changes_no_output_until_then(units: dict[int,
     outputs = [variable.name for variable in unit.unit.variables if variable.kind == "OUTPUT"]
     unit.step(0.0, 0.004)
     before = {name: unit.get(name) for name in outputs}
-    unit.set("input", [0.1, 0.0, 0.0, 200.0, 200.0])
+    unit.set("input", [0.1, 0.0, 0.0, 200.0, 200.0, 0.0])
     unit.measured(0, np.array([0.0, 0.0, 0.5, 0.1, 2.0, 9.8]))
     assert all(np.array_equal(unit.get(name), value) for name, value in before.items())
     unit.step(0.004, 0.004)
@@ -278,7 +278,7 @@ def test_steering_that_is_no_number_is_refused_and_a_measurement_that_is_none_is
 ) -> None:
     unit = running(units, vehicle, version)
     with pytest.raises(FMICallException):
-        unit.set("input", [np.nan, 0, 0, 0, 0])
+        unit.set("input", [np.nan, 0, 0, 0, 0, 0])
     index = [s.name for s in unit.unit.sensors].index("imu")
     unit.measured(index, np.full(6, np.nan))
     unit.step(0.0, 0.01)

@@ -264,7 +264,7 @@ def test_a_car_runs_on_every_tyre_and_tells_it_side_and_inclination(genesis):
         q, u = rolling_straight(vehicle, 20.0)
         q[2] -= 0.02
         q[3] = 0.01  # leans to the right, all wheels on the ground
-        wheels, udot = outputs(q, u, np.zeros(14), np.zeros(7), [0.03, 0, 0, 0, 0], vehicle.parameter_vector(), [])
+        wheels, udot = outputs(q, u, np.zeros(14), np.zeros(7), [0.03, 0, 0, 0, 0, 0], vehicle.parameter_vector(), [])
         wheels = np.asarray(wheels)
         assert np.all(np.isfinite(wheels))
         assert np.all(np.isfinite(np.asarray(udot)))
