@@ -1,9 +1,11 @@
 """Noise covariances of the observer, found by maximising the likelihood of recordings.
 
 The likelihood is that of the innovations of the errorEKF: the density of every message given all before it. It needs no
-reference. Unknowns are the logarithms of standard deviations, so none can become negative. The method is Fisher scoring
-(Gupta & Mehra 1974): the derivatives of the innovations and of their deviations, by differences, give the gradient and
-the information matrix together, and the inverse of the latter says how well each number is determined.
+reference. Sensors are as noisy as the file states, even where their readings show more: the observer, which believes
+the readings, would hide that the file states too little. Unknowns are the logarithms of standard deviations, so none
+can become negative. The method is Fisher scoring (Gupta & Mehra 1974): the derivatives of the innovations and of their
+deviations, by differences, give the gradient and the information matrix together, and the inverse of the latter says
+how well each number is determined.
 """
 
 from __future__ import annotations
@@ -399,7 +401,7 @@ def _keep(recordings: Sequence[Recording]) -> None:
 
 
 def _innovations(index: int, vehicle: Vehicle) -> dict[str, Innovations]:
-    return innovations(_RECORDINGS[index], vehicle)
+    return innovations(_RECORDINGS[index], vehicle, noise_as_stated=True)
 
 
 _Judged = tuple[dict[str, Innovations], dict[str, Error]]
@@ -411,7 +413,7 @@ def _judged(index: int, vehicle: Vehicle) -> _Judged:
     errors: dict[str, Error] = {}
     if any("reference/" in topic for topic in recording.channels):
         errors = errors_of(at_reference(run(recording, vehicle).output, vehicle), recording)
-    return innovations(recording, vehicle), errors
+    return innovations(recording, vehicle, noise_as_stated=True), errors
 
 
 def _figures(results: Sequence[_Judged], first: Sequence[_Judged]) -> Figures:

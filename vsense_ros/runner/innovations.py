@@ -25,14 +25,15 @@ from vsense_ros.runner.runner import Runner
 Array = NDArray[np.float64]
 
 
-def innovations(recording: Recording, vehicle: Vehicle) -> dict[str, Innovations]:
+def innovations(recording: Recording, vehicle: Vehicle, *, noise_as_stated: bool = False) -> dict[str, Innovations]:
     """Innovations of each sensor with messages in a recording, by name.
 
     The filter is the errorEKF. Messages are taken in order of measurement, not of arrival, so that each innovation is
-    given all that was measured before it; what the observer goes back for and does again does not count again. Raises
-    `InputError` if the observer never starts.
+    given all that was measured before it; what the observer goes back for and does again does not count again. With
+    `noise_as_stated`, sensors are as noisy as the file or their messages state, even where their readings show more and
+    the observer would believe these. Raises `InputError` if the observer never starts.
     """
-    by_sensor, _ = _watched(recording, vehicle, None)
+    by_sensor, _ = _watched(recording, vehicle, None, noise_as_stated)
     return by_sensor
 
 
@@ -43,7 +44,9 @@ def innovations_and_output(
     return _watched(recording, vehicle, int(0.999e9 / rate))
 
 
-def _watched(recording: Recording, vehicle: Vehicle, interval: int | None) -> tuple[dict[str, Innovations], Recording]:
+def _watched(
+    recording: Recording, vehicle: Vehicle, interval: int | None, noise_as_stated: bool = False
+) -> tuple[dict[str, Innovations], Recording]:
     """Innovations by sensor, and what is estimated once in each `interval` [ns]; without one, nothing of it."""
     seen: dict[str, list[tuple[int, bool, Array]]] = {}
 
@@ -54,6 +57,8 @@ def _watched(recording: Recording, vehicle: Vehicle, interval: int | None) -> tu
             seen.setdefault(sensor, []).append((stamp, innovation.accepted, np.stack([whitened, deviation])))
 
     runner = Runner(vehicle, recording.map_origin, FILTERS["error_ekf"].make, keep)
+    if noise_as_stated:
+        runner.intake.take_noise_as_stated()
     collected, last = Collected(runner.adapter), 0
     for _ in play(runner, _as_measured(recording, runner.sensors), topics_in(recording, runner.topics)):
         if interval is not None and runner.started and runner.stamp >= last + interval:
