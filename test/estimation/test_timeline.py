@@ -175,16 +175,16 @@ def test_a_second_look_that_cannot_go_all_the_way_says_so() -> None:
     assert (made.filter.memory == newest).all()
 
 
-def test_each_event_is_told_of_once_with_its_innovation() -> None:
-    told: list[tuple[int, float, Innovation | None]] = []
-    made = timeline(corrected=lambda event, nis, innovation: told.append((event.stamp, nis, innovation)))
+def test_each_event_is_reported_once_with_its_innovation() -> None:
+    reported: list[tuple[int, float, Innovation | None]] = []
+    made = timeline(corrected=lambda event, nis, innovation: reported.append((event.stamp, nis, innovation)))
     events = drive(0, 0.2)
     after(made, events)
     after(made, [course(0.05, 0.12)])
-    stamps = [stamp for stamp, _, _ in told]
+    stamps = [stamp for stamp, _, _ in reported]
     assert sorted(stamps) == sorted([one.stamp for one in events] + [round(0.05 * SECOND)])
     measured = {one.stamp for one in events if one.sensor == 1}
-    for stamp, nis, innovation in told[: len(events)]:
+    for stamp, nis, innovation in reported[: len(events)]:
         assert (innovation is not None) == (stamp in measured)
         assert nis == (innovation.nis if innovation is not None else 0.0)
 

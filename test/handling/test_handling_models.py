@@ -250,12 +250,12 @@ def test_sensitivities_along_a_drive_are_finite_differences(model: HandlingModel
             inputs[:, i] -= 50.0  # a wheel without any force is at the corner between driving and braking
     slopes = found.sensitivities(x, inputs, 0.01)
     for k in range(0, len(model.parameters), 3):
-        told = []
+        changed = []
         for sign in (-1, 1):
             other = response(model)
             other.parameters[k] *= 1 + sign * 1e-5
-            told.append(output_values(other, other.drive(x, inputs, 0.01)[:-1], inputs))
-        expected = (told[1] - told[0]) / (2e-5 * found.parameters[k])
+            changed.append(output_values(other, other.drive(x, inputs, 0.01)[:-1], inputs))
+        expected = (changed[1] - changed[0]) / (2e-5 * found.parameters[k])
         assert slopes[:, :, k] == pytest.approx(expected, rel=1e-3, abs=1e-5 * np.abs(expected).max() + 1e-15)
 
 
@@ -286,10 +286,10 @@ def test_a_filter_takes_a_handling_model_and_its_outputs_as_they_are() -> None:
     inputs = np.column_stack([0.03 * np.sin(2 * t), np.full(len(t), 20.0)])
     found = response(model)
     states = found.drive(np.array([0.05, 0.2]), inputs, 0.01)
-    told = output_values(found, states[:-1], inputs)
+    outputs = output_values(found, states[:-1], inputs)
     noise = np.random.default_rng(0).standard_normal((len(t), 2)) * (0.002, 0.1)
     for i in range(len(t)):
         filter_.inputs[:] = inputs[i]
-        filter_.correct("both", told[i, :2] + noise[i], np.array([0.002**2, 0.01]))
+        filter_.correct("both", outputs[i, :2] + noise[i], np.array([0.002**2, 0.01]))
         filter_.predict(0.01)
     assert filter_.belief().mean == pytest.approx(states[-1], abs=3e-3)

@@ -39,8 +39,8 @@ def turned(front: float, rear: float, speed: float = 20.0, seconds: float = 5.0)
 def test_a_steady_turn_is_that_of_the_difference_of_both_angles_and_slips_by_the_rear_one(
     front: float, rear: float
 ) -> None:
-    """Of a linear single track ψ̇ = v (δ_f - δ_r) / (L + K v²), β = δ_r + (b - a m v² / (L C_r)) (δ_f - δ_r) / (L + K
-    v²): with front steering alone these are the gains of any car."""
+    """A linear single track turns with ψ̇ = v (δ_f - δ_r) / (L + K v²) and slips by β = δ_r + (b - a m v² / (L C_r))
+    (δ_f - δ_r) / (L + K v²): but for δ_r in β these are the gains of front steering alone."""
     motion, usual = turned(front, rear), turned(front - rear, 0.0)
     assert motion.u[-1, YAW_RATE] == pytest.approx(usual.u[-1, YAW_RATE], rel=0.005)
     assert motion.side_slip[-1] - usual.side_slip[-1] == pytest.approx(rear, rel=0.01)
@@ -57,11 +57,11 @@ def test_equal_angles_of_both_axles_move_the_car_sideways_without_turning_it() -
 def test_an_observer_that_is_given_the_angle_knows_the_side_slip_of_a_car_with_rear_steering() -> None:
     recording = generate("rear_step_steer", steered())
     assert "vehicle/rear_steering" in recording
-    told, untold = (vs.estimate(recording, car)["side_slip"].rmse for car in (steered(), steered(rear=False)))
-    assert told is not None
-    assert untold is not None
-    assert np.degrees(told) < 0.2
-    assert untold > 3 * told
+    with_angle, without = (vs.estimate(recording, car)["side_slip"].rmse for car in (steered(), steered(rear=False)))
+    assert with_angle is not None
+    assert without is not None
+    assert np.degrees(with_angle) < 0.2
+    assert without > 3 * with_angle
 
 
 def test_cars_and_files_that_do_not_fit_are_refused_in_a_sentence() -> None:

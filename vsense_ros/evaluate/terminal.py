@@ -84,13 +84,13 @@ def progress(label: str) -> Iterator[Callable[[float], None]]:
 
 def _lines(label: str, output: Console, period: float = 10.0) -> Callable[[float], None]:
     """Prints the share done and the time since now, a line at most every `period` [s]."""
-    begin = told = time.monotonic()
+    begin = printed = time.monotonic()
 
     def done(share: float) -> None:
-        nonlocal told
+        nonlocal printed
         now = time.monotonic()
-        if now - told > period:
-            told = now
+        if now - printed > period:
+            printed = now
             output.print(f"{label}: {100 * share:.0f} % in {now - begin:.0f} s")
 
     return done

@@ -7,6 +7,7 @@ and the mean of the wheels: each is led to the middle of its second by what the 
 
 from __future__ import annotations
 
+from abc import ABC, abstractmethod
 from collections.abc import Iterator
 from dataclasses import dataclass
 
@@ -184,6 +185,33 @@ class Averages:
         at, values, variances = self._columns(rows, begin)
         velocity = np.mean((values[:, 0] + 1j * values[:, 1]) * np.exp(1j * rate * (AVERAGES.length / 2 - at)))
         return float(np.angle(velocity)), float(np.sqrt(variances.mean() / len(rows)) / max(abs(velocity), 1e-3))
+
+
+class ByAverages(ABC):
+    """A filter of what changes within hours, by the averages of one vehicle's sensors. `add` takes messages in order of
+    arrival, `take` a recording."""
+
+    def __init__(self, vehicle: Vehicle) -> None:
+        self.averages = Averages(vehicle)
+
+    @property
+    def topics(self) -> dict[str, str]:
+        """Topics that it listens to, with their message types."""
+        return self.averages.topics
+
+    def add(self, sample: Sample) -> bool:
+        """Take a message. Returns whether a second that says something was complete."""
+        says_something = [self._use(mean) for mean in self.averages.add(sample)]  # each is used
+        return any(says_something)
+
+    def take(self, recording: Recording) -> None:
+        """Take all messages of a recording."""
+        for mean in self.averages.over(recording):
+            self._use(mean)
+
+    @abstractmethod
+    def _use(self, mean: Mean) -> bool:
+        """Take in one second. Returns whether it says something."""
 
 
 def _mean(values: Array) -> Array:

@@ -23,7 +23,7 @@ from vsense_ros.estimation.dense import Dense
 from vsense_ros.estimation.ekf import Ekf
 from vsense_ros.estimation.filter import Array, Gaussian
 from vsense_ros.estimation.state_space import Measurement, Named, StateSpace
-from vsense_ros.identification.averages import AVERAGES, Averages, Mean
+from vsense_ros.identification.averages import AVERAGES, ByAverages, Mean
 from vsense_ros.messages.diagnostic import Diagnostic, Level
 from vsense_ros.messages.recording import Recording, Sample
 from vsense_ros.model.constants import AIR_DENSITY, GRAVITY
@@ -92,14 +92,15 @@ _TORQUES = Measurement("torques", _force, (SETTINGS.wind,), gate=5.0)
 _CLIMB = Measurement("climb", lambda x, z, u, p: u.speed * x.grade, (SETTINGS.climb,), gate=5.0)
 
 
-class MassAndGrade:
+class MassAndGrade(ByAverages):
     """Mass and grade of one vehicle. `add` takes messages in order of arrival, `sample` is what is published.
 
     Raises `InputError` for a vehicle without wheel speeds or an inertial sensor.
     """
 
     def __init__(self, vehicle: Vehicle) -> None:
-        self.averages, physics = Averages(vehicle), vehicle.physics
+        super().__init__(vehicle)
+        physics = vehicle.physics
         self.nominal = physics.chassis.mass
         inertia = sum(2 * one.wheel_spin_inertia / r**2 for one, r in
                       zip((physics.front, physics.rear), self.averages.radii[[0, 2]], strict=True))  # fmt: skip
@@ -115,18 +116,6 @@ class MassAndGrade:
         self._filter.inputs[:] = SETTINGS.least_speed
         self._filter.start(Gaussian(np.array(mean), np.diag(np.square(deviations))))
         self.stamp = 0  # of the last second that was used [ns]
-
-    @property
-    def topics(self) -> dict[str, str]:
-        """Topics that it listens to, with their message types."""
-        return self.averages.topics
-
-    def add(self, sample: Sample) -> bool:
-        """Take a message. Returns whether a second that says something was complete."""
-        used = False
-        for mean in self.averages.add(sample):
-            used |= self._use(mean)
-        return used
 
     def _use(self, mean: Mean) -> bool:
         speed, acceleration = float(np.median(mean.spin * self.averages.radii)), mean.acceleration
@@ -208,6 +197,5 @@ def mass_in(recording: Recording, vehicle: Vehicle) -> MassAndGrade | None:
     torques = estimator.averages.sensors.get(WheelTorques)
     if torques is None or not all(one.topic in recording for one in (torques, *estimator.averages.needed)):
         return None
-    for sample in recording.samples(tuple(topic for topic in estimator.topics if topic in recording)):
-        estimator.add(sample)
+    estimator.take(recording)
     return estimator

@@ -29,7 +29,7 @@ from vsense_ros.estimation.ekf import Ekf
 from vsense_ros.estimation.filter import Array, Gaussian
 from vsense_ros.estimation.state_space import Measurement, Named, StateSpace
 from vsense_ros.files.atomic import atomic_write
-from vsense_ros.identification.averages import AVERAGES, Averages, Mean
+from vsense_ros.identification.averages import AVERAGES, ByAverages, Mean
 from vsense_ros.identification.online import fingerprint
 from vsense_ros.messages.diagnostic import Diagnostic, Level
 from vsense_ros.messages.recording import Recording, Sample
@@ -112,7 +112,7 @@ _GNSS = Measurement("gnss", _ground, (SETTINGS.ground,), gate=5.0)
 _COURSE = Measurement("course", _course, (SETTINGS.drifting,), angles=(0,), gate=5.0)
 
 
-class TyreRadii:
+class TyreRadii(ByAverages):
     """Tyre radii of one vehicle. `add` takes messages in order of arrival, `sample` is what is published, `stored` the
     file of radii that belong to right pressures, if they are known.
 
@@ -120,7 +120,8 @@ class TyreRadii:
     """
 
     def __init__(self, vehicle: Vehicle, stored: Path | None = None) -> None:
-        self.averages, self.vehicle, self.stored = Averages(vehicle), vehicle, stored
+        super().__init__(vehicle)
+        self.vehicle, self.stored = vehicle, stored
         chassis, physics = vehicle.physics.chassis, vehicle.physics
         antenna = self.averages.sensors.get(GnssVelocity)
         place = np.zeros(3) if antenna is None else antenna.mounting()
@@ -147,23 +148,6 @@ class TyreRadii:
         self._right: tuple[Array, Array] | None = None  # radii at right pressures, and their covariance
         if stored is not None and stored.exists():
             self._right = self._load(stored)
-
-    @property
-    def topics(self) -> dict[str, str]:
-        """Topics that it listens to, with their message types."""
-        return self.averages.topics
-
-    def add(self, sample: Sample) -> bool:
-        """Take a message. Returns whether a second of gentle driving was complete."""
-        gentle = False
-        for mean in self.averages.add(sample):
-            gentle |= self._use(mean)
-        return gentle
-
-    def take(self, recording: Recording) -> None:
-        """Take all messages of a recording."""
-        for mean in self.averages.over(recording):
-            self._use(mean)
 
     def _use(self, mean: Mean) -> bool:
         rolling = mean.spin * self.averages.radii
