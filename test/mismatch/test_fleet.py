@@ -9,6 +9,8 @@ import re
 import shutil
 from collections.abc import Callable, Iterator
 from pathlib import Path
+from urllib.error import HTTPError
+from urllib.request import urlopen
 
 import pyarrow.parquet as pq
 import pytest
@@ -422,3 +424,6 @@ def test_processes_of_this_machine_take_work_from_nobody_without_the_key_of_the_
         assert address.startswith("tls://127.0.0.1:")
         with pytest.raises(OSError, match=r"scheduler|connect|Timed out|closed"):
             Client(address.replace("tls://", "tcp://"), timeout="2s")
+        port = client.scheduler_info()["services"]["dashboard"]
+        with pytest.raises(HTTPError, match="404"):  # of the HTTP server, which asks for no key
+            urlopen(f"http://127.0.0.1:{port}/info/main/workers.html", timeout=5.0)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import socket
 import threading
 from collections.abc import Iterator
 from dataclasses import replace
@@ -194,3 +195,31 @@ def test_the_layout_is_written_once(tmp_path: Path) -> None:
     again = CliRunner().invoke(main, ["view", "--layout", str(file)])
     assert again.exit_code == 2
     assert "exists already" in again.output
+
+
+@pytest.mark.parametrize(
+    ("host", "origin", "wanted"),
+    [
+        ("127.0.0.1:{port}", None, 101),  # a program
+        ("localhost:{port}", "https://app.foxglove.dev", 101),
+        ("127.0.0.1:{port}", "http://localhost:8080", 101),
+        ("127.0.0.1:{port}", "https://evil.example", 403),
+        ("127.0.0.1:{port}", "https://foxglove.dev.evil.example", 403),
+        ("127.0.0.1:{port}", "null", 403),
+        ("127.0.0.1:{port}", "http://[", 403),
+        ("evil.example:{port}", None, 421),  # a name of another site that leads to this machine
+        ("evil.example:{port}", "http://evil.example:{port}", 421),
+        ("[", None, 421),
+    ],
+)
+def test_a_page_of_another_site_sees_nothing(playback: Playback, host: str, origin: str | None, wanted: int) -> None:
+    port = playback.server.port
+    head = ["GET / HTTP/1.1", f"Host: {host.format(port=port)}", "Upgrade: websocket", "Connection: Upgrade"]
+    head += ["Sec-WebSocket-Key: dGhlIHNhbXBsZSBub25jZQ==", "Sec-WebSocket-Version: 13"]
+    head += ["Sec-WebSocket-Protocol: foxglove.sdk.v1"]
+    if origin is not None:
+        head.append(f"Origin: {origin.format(port=port)}")
+    with socket.create_connection(("127.0.0.1", port), 5.0) as connection:
+        connection.sendall("\r\n".join([*head, "", ""]).encode())
+        answer = connection.recv(64)
+    assert int(answer.split()[1]) == wanted

@@ -13,8 +13,8 @@ import traceback
 from pathlib import Path
 from typing import Any
 
-from vehicle import bags, frames, launched, lifecycle, soak, sources, viewing  # noqa: F401
-from vehicle.workshop import CHECKS, LeftOut, workshop
+from vehicle import bags, frames, launched, lifecycle, security, soak, sources, viewing  # noqa: F401
+from vehicle.workshop import CHECKS, SECURITY, LeftOut, workshop
 from vsense_ros.evaluate.terminal import console, progress
 
 
@@ -75,6 +75,7 @@ def main() -> int:
     if arguments.names and arguments.output.exists():  # what was not made now stays as it was
         before = json.loads(arguments.output.read_text(encoding="utf-8"))
         found = {part: {**before[part], **found[part]} for part in found}
+    found["security"] = {name: one["holds"] for name, one in found["checks"].items() if name in SECURITY}
     arguments.output.parent.mkdir(parents=True, exist_ok=True)
     arguments.output.write_text(json.dumps(found, indent=2) + "\n", encoding="utf-8")
     if arguments.page is not None:

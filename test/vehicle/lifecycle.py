@@ -133,7 +133,7 @@ def wrong_vehicle(shop: Workshop) -> str:
     return "exit code 2"
 
 
-@check("nothing is overwritten without being asked")
+@check("nothing is overwritten without being asked", security=True)
 def overwriting(shop: Workshop) -> str:
     first = shop.folder / "result"
     for _ in range(2):
@@ -212,7 +212,7 @@ def alive(shop: Workshop) -> set[str]:
     return {f"{ns.rstrip('/')}/{name}" for name, ns in shop.client.node.get_node_names_and_namespaces()}
 
 
-@check("nobody else tells a node what to open and where to write")
+@check("nobody else tells a node what to open and where to write", security=True)
 def paths_are_fixed(shop: Workshop) -> str:
     target = shop.folder / "precious"
     target.write_text("years of work")
@@ -237,7 +237,7 @@ def paths_are_fixed(shop: Workshop) -> str:
     return f"{count} parameters"
 
 
-@check("nothing that a node opens can be reached from another machine")
+@check("nothing that a node opens can be reached from another machine", security=True)
 def listens(shop: Workshop) -> str:
     nodes = every_node(shop)
     for node in nodes.values():

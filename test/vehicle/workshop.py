@@ -19,17 +19,21 @@ CAR = "prototype_model"
 
 Check = Callable[["Workshop"], str]
 CHECKS: dict[str, Check] = {}
+SECURITY: set[str] = set()  # names of the checks of what SECURITY.md says
 
 
 class LeftOut(Exception):
     """A check needs a tool that is not here."""
 
 
-def check(name: str) -> Callable[[Check], Check]:
-    """Add a function to the checks. It returns a figure in words, and raises where what it checks does not hold."""
+def check(name: str, *, security: bool = False) -> Callable[[Check], Check]:
+    """Add a function to the checks: it returns a figure in words, and raises where what it checks does not hold. Those
+    of `security` try what SECURITY.md says."""
 
     def add(function: Check) -> Check:
         CHECKS[name] = function
+        if security:
+            SECURITY.add(name)
         return function
 
     return add

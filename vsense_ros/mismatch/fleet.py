@@ -193,11 +193,15 @@ def workers(scheduler: str | None, count: int | None = None) -> Iterator[Client]
                 yield client
             return
         cores = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+        # The scheduler and each process have an HTTP server that asks for no key: without pages, it answers nothing.
+        pages: dict[str, list[str]] = {"distributed.scheduler.http.routes": [], "distributed.worker.http.routes": []}
         with (
+            dask.config.set(pages),
             LocalCluster(
                 n_workers=count or cores,
                 threads_per_worker=1,
-                dashboard_address=None,
+                dashboard_address="127.0.0.1:0",
+                scheduler_kwargs={"dashboard": False},
                 security=True,
                 env={"OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1"},
                 silence_logs=logging.ERROR,

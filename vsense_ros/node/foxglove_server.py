@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import threading
 import time
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Sequence
 from typing import Any
+from urllib.parse import quote
 
 import foxglove
 from foxglove.channels import SceneUpdateChannel
@@ -14,6 +15,7 @@ from foxglove.websocket import Capability, PlaybackControlRequest, PlaybackState
 
 from vsense_ros.bag import TopicDescription
 from vsense_ros.errors import InputError
+from vsense_ros.node.foxglove_gate import Gate, hidden_address
 
 PORT = 8765  # that the app proposes
 _BACKLOG = 8192  # messages for a viewer that is slow
@@ -30,11 +32,12 @@ class FoxgloveServer:
         host: str = "127.0.0.1",
         port: int = PORT,
         *,
+        origins: Sequence[str] = (),
         span: tuple[int, int] | None = None,
         control: Callable[[PlaybackControlRequest], PlaybackState] | None = None,
     ) -> None:
-        """`span` [ns] and `control` make a recording of it, whose time the viewer steers. Raises `InputError` where the
-        port is taken."""
+        """`origins` are sites whose pages may look, besides Foxglove's. `span` [ns] and `control` make a recording of
+        it, whose time the viewer steers. Raises `InputError` where the port is taken."""
         self._asked = float("inf")  # when somebody has last asked for a topic [s] of the monotonic clock
         self._context = foxglove.Context()
         self._channels: dict[str, foxglove.Channel] = {}
@@ -45,8 +48,8 @@ class FoxgloveServer:
         try:
             self._server = foxglove.start_server(
                 name=name,
-                host=host,
-                port=port,
+                host=(inner := hidden_address()),
+                port=0,
                 capabilities=[Capability.Time],
                 server_listener=self,  # type: ignore[arg-type]
                 context=self._context,
@@ -54,8 +57,13 @@ class FoxgloveServer:
                 message_backlog_size=_BACKLOG,
             )
         except (OSError, RuntimeError) as error:
-            raise InputError(f"cannot serve at {host}:{port}: {error}; choose another port") from None
-        self.host, self.port = host, self._server.port
+            raise InputError(f"Foxglove's server does not start: {error}") from None
+        try:
+            self._gate = Gate(host, port, (inner, self._server.port), origins)
+        except InputError:
+            self._server.stop()
+            raise
+        self.host, self.port = host, self._gate.port
 
     @property
     def url(self) -> str:
@@ -70,7 +78,7 @@ class FoxgloveServer:
     @property
     def app_url(self) -> str:
         """A page of Foxglove that opens this server."""
-        return self._server.app_url() or ""
+        return f"https://app.foxglove.dev?ds=foxglove-websocket&ds.url={quote(self.url, safe='')}"
 
     def add(self, topic: str, description: TopicDescription) -> bool:
         """Announce a topic; False where its type's definition is not known, without which nobody can read it."""
@@ -114,6 +122,7 @@ class FoxgloveServer:
 
     def stop(self) -> None:
         """End it."""
+        self._gate.stop()
         self._server.stop()
 
     # What viewers ask for, in a thread of the SDK

@@ -37,6 +37,10 @@ class ViewerParameters(NodeParameters):
 
     host: str = Field("127.0.0.1", description="address to serve at; 0.0.0.0 lets other machines look")
     port: int = parameter(8765, "", "TCP port; 0: any free port", ge=0, le=65535)
+    origins: tuple[str, ...] = Field(
+        (),
+        description="sites whose pages may look, as https://example.org, besides Foxglove's and this machine's",
+    )
     vehicle: str = path_parameter("vehicle file, or the name of one; empty: no friction circles")
     frame_prefix: str = Field("", description="prefix of the frames of the car, as for the observer")
 
@@ -58,7 +62,7 @@ class Viewer(SensingNode[ViewerParameters]):
         car = load_vehicle(vehicle_path(p.vehicle)) if p.vehicle else None
         self._scene = Scene(car, p.frame_prefix)
         self._latched_scene = PATH
-        self._server = FoxgloveServer(self.get_fully_qualified_name(), p.host, p.port)
+        self._server = FoxgloveServer(self.get_fully_qualified_name(), p.host, p.port, origins=p.origins)
         self.get_logger().info(f"serving at {self._server.url}; {self._server.app_url}")
 
     def start(self) -> None:
