@@ -337,14 +337,19 @@ def consistency(filters: tuple[str, ...], quick: bool, processes: int | None, ou
     for name in filters:
         FILTERS[name]
     with progress("driving and estimating") as done:
-        results = job.by_drive(
-            out.parent / "leung", filters or tuple(RECOMMENDED), done, quick=quick, processes=processes
-        )
+        results, failed = job.by_drive(
+            out.parent / "leung", out.with_suffix(""), filters or tuple(RECOMMENDED), done,
+            quick=quick, processes=processes,
+        )  # fmt: skip
     job.write(results, out)
     job.show(results, console())
+    for title, error in failed.items():
+        say(f"{title} failed: {error}")
     if missing := job.left_out(results):
         say(f"Left out, as they are not here or lack sensors: {', '.join(missing)} (VSENSE_DATA names their folder).")
     say(f"Written to {out}.")
+    if failed:
+        raise SystemExit(1)
 
 
 @main.command()
@@ -357,7 +362,9 @@ def truth(bags: Path, only: tuple[str, ...], quick: bool, processes: int | None,
     """Hold what is published against what it says of itself, on all drives that have a reference.
 
     Coverage of standard deviations by drive and output, tyre forces, faults, GNSS/INS filters, and lags of sensors.
-    Takes a quarter of an hour of two cores. A part of it leaves in the file what that has of others.
+    Takes a quarter of an hour of two cores. A part of it leaves in the file what that has of others. Each part that is
+    done is kept in a folder beside FILE, so that what was stopped goes on where it was; one that fails is told at the
+    end, beside the figures of the others.
 
     \b
     Examples:
@@ -370,10 +377,12 @@ def truth(bags: Path, only: tuple[str, ...], quick: bool, processes: int | None,
 
     only += job.QUICK if quick else ()
     with progress("driving and estimating") as done:
-        results = job.examine(out.parent / "leung", bags, done, only=only, processes=processes)
+        results = job.examine(out.parent / "leung", out.with_suffix(""), bags, done, only=only, processes=processes)
     job.write(results, out, keep=bool(only))
     job.show(results, console())
     say(f"Written to {out}.")
+    if results.failed:
+        raise SystemExit(1)
 
 
 @main.command()

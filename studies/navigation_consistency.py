@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 from rich.console import Console
 
 from studies.leung import QUICK_ROWS, ROWS
-from studies.tasks import Task, pool
+from studies.tasks import Failed, Task, kept, pool
 from vsense_ros.assess.drives import SETTLED, Case, drive_plant, readings
 from vsense_ros.assess.filter_run import follow
 from vsense_ros.bag.datasets import data_dir
@@ -127,45 +127,36 @@ RECORDED = (
 )
 
 
-def consistency(
-    store: Path,
-    names: Sequence[str] = tuple(RECOMMENDED),
-    progress: Progress = lambda share: None,
-    *,
-    quick: bool = False,
-    processes: int | None = None,
-) -> dict[str, dict[str, dict[str, float]]]:
-    """For each filter and output `within_3s`, the share of errors [%] within three standard deviations, and `nees`.
-
-    All drives count together, each of its estimates alike; plants are kept in the folder `store`. `quick` leaves out
-    six of the ten simulated manoeuvres. A recording that is not here is left out, and so is a filter that a drive has
-    no sensors for.
-    """
-    return summary(by_drive(store, names, progress, quick=quick, processes=processes))
-
-
 def by_drive(
     store: Path,
+    parts: Path,
     names: Sequence[str] = tuple(RECOMMENDED),
     progress: Progress = lambda share: None,
     *,
     quick: bool = False,
     processes: int | None = None,
-) -> dict[str, dict[str, Scores]]:
-    """Scores by filter and drive; arguments as of `consistency`."""
+) -> tuple[dict[str, dict[str, Scores]], dict[str, str]]:
+    """Scores by filter and drive, and the errors of those that failed.
+
+    Plants are kept in the folder `store`, scores in `parts`. `quick` leaves out six of the ten simulated manoeuvres. A
+    recording that is not here is left out, and so is a filter that a drive has no sensors for.
+    """
     simulated = [one for one in SIMULATED if not quick or one.title in QUICK_ROWS]
     # Plants first: many filters share one.
     plants = [Task(15.0, _plant, (one.manoeuvre, store)) for one in simulated]
-    tasks = [(name, one) for one in (*simulated, *RECORDED) for name in names]
+    pairs = [(name, one) for one in (*simulated, *RECORDED) for name in names]
+    work = {f"{name} on {one.title}": Task(3.0, score, (name, one, store)) for name, one in pairs}
     with pool(processes) as do_tasks:
-        do_tasks(plants, lambda share: progress(0.4 * share))
-        work = [Task(3.0, score, (name, one, store)) for name, one in tasks]
-        every = do_tasks(work, lambda share: progress(0.4 + 0.6 * share))
+        do_tasks(plants, lambda share: progress(0.1 * share))
+        every = do_tasks(kept(work, parts), lambda share: progress(0.1 + 0.9 * share))
     results: dict[str, dict[str, Scores]] = {}
-    for (name, one), scores in zip(tasks, every, strict=True):
-        if scores:
+    failed = {}
+    for title, (name, one), scores in zip(work, pairs, every, strict=True):
+        if isinstance(scores, Failed):
+            failed[title] = scores.error
+        elif scores:
             results.setdefault(name, {})[one.title] = scores
-    return results
+    return results, failed
 
 
 def _plant(manoeuvre: str, store: Path) -> None:
@@ -253,7 +244,9 @@ def left_out(results: Mapping[str, Mapping[str, Scores]]) -> list[str]:
 
 
 def summary(results: Mapping[str, Mapping[str, Scores]]) -> dict[str, dict[str, dict[str, float]]]:
-    """All drives of each filter together."""
+    """For each filter and output `within_3s`, the share of errors [%] within three standard deviations, and `nees`.
+
+    All drives count together, each of its estimates alike."""
     found: dict[str, dict[str, dict[str, float]]] = {}
     for name, drives in results.items():
         total: dict[str, Score] = {}

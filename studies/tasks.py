@@ -1,11 +1,19 @@
-"""Work that is cut into tasks, done by several processes, with its progress."""
+"""Work that is cut into tasks, done by several processes, with its progress; what was done is kept."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+import hashlib
+import pickle
+import traceback
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
+from importlib import resources
+from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
+from vsense_ros.cache import digest_of
+from vsense_ros.files.atomic import in_place_of
+from vsense_ros.files.installed import vehicle_path
 from vsense_ros.mismatch.fleet import workers
 
 if TYPE_CHECKING:
@@ -22,6 +30,38 @@ class Task(NamedTuple):
 
 # Tasks, and a function that gets the share that is done → their results, in the same order.
 DoTasks = Callable[[Sequence[Task], Callable[[float], None]], list[Any]]
+
+
+class Failed(NamedTuple):
+    """In place of a result: the error that ended its task, in words."""
+
+    error: str
+
+
+def kept(tasks: Mapping[str, Task], folder: Path) -> list[Task]:
+    """The named tasks so that each keeps its result in `folder`, and takes it from there unless code or vehicle files
+    have changed since: what was stopped goes on where it was. One that fails gives `Failed`, and is done again."""
+    folder.mkdir(parents=True, exist_ok=True)
+    code = [digest_of(Path(str(resources.files(package)))) for package in ("vsense_ros", "studies")]
+    cars = sorted(path.read_text(encoding="utf-8") for path in vehicle_path("genesis").parent.glob("*.yaml"))
+    made = []
+    for name, task in tasks.items():
+        key = hashlib.sha256("\n".join([name, *code, *cars]).encode()).hexdigest()[:20]
+        made.append(Task(task.seconds, _kept, (folder / f"{key}.pickle", task.function, task.arguments)))
+    return made
+
+
+def _kept(file: Path, function: Callable[..., Any], arguments: tuple[Any, ...]) -> Any:
+    if file.exists():
+        return pickle.loads(file.read_bytes())
+    try:
+        result = function(*arguments)
+    except Exception as error:  # whatever it is: the other tasks shall be done
+        traceback.print_exc()
+        return Failed(f"{type(error).__name__}: {error}")
+    with in_place_of(file) as fresh:
+        fresh.write_bytes(pickle.dumps(result))
+    return result
 
 
 @contextmanager

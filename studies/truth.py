@@ -21,7 +21,7 @@ from studies.coverage import Compared, coverage_table
 from studies.genesis import EXAMINED_ON, IDENTIFIED_FROM
 from studies.heading_transient import HeadingTransient, transient_of
 from studies.navigation_consistency import GENESIS, RECORDED, Drive
-from studies.tasks import Task, pool
+from studies.tasks import Failed, Task, kept, pool
 from vsense_ros.assess import fault_rows
 from vsense_ros.bag.datasets import data_dir
 from vsense_ros.bag.importers import genesis, import_recording
@@ -68,6 +68,8 @@ class Results:
     drives: Mapping[str, Outcome]
     faults: Sequence[fault_rows.RowOutcome]
     navigation: Mapping[str, Mapping[str, Mapping[str, float]]]
+    failed: Mapping[str, str] = field(default_factory=dict)  # error by part
+    left_out: Sequence[str] = ()  # drives whose recordings are not here
 
     def compared(self) -> dict[str, Compared]:
         """Signals by the title of the drive, or of a part of it."""
@@ -86,6 +88,7 @@ class Results:
 
 def examine(
     store: Path,
+    parts: Path,
     bags: Path,
     progress: Progress = lambda share: None,
     *,
@@ -94,8 +97,9 @@ def examine(
 ) -> Results:
     """Examine all drives, some faults and the GNSS/INS filters.
 
-    Plants of GNSS/INS filters are kept in the folder `store`, `bags` holds the generated recordings of the repository.
-    Recordings that are not here are left out. `only` takes parts: texts of which a drive's title has one,
+    Plants of GNSS/INS filters are kept in the folder `store`, what was done in `parts`, so that what was stopped goes
+    on where it was; `bags` holds the generated recordings of the repository. Recordings that are not here are left out,
+    and a part that fails is told in `Results.failed`. `only` takes parts: texts of which a drive's title has one,
     "faults", "filters". Raises `InputError` where a text fits nothing.
     """
     tasks = {one.title: Task(12.0, _if_here, (one,)) for one in RECORDED}
@@ -105,18 +109,22 @@ def examine(
     tasks = {title: task for title, task in tasks.items() if not only or any(text in title for text in only)}
     rows = fault_rows.some_rows(FAULT_ROWS) if not only or "faults" in only else []
     filters = not only or "filters" in only
-    every = [*tasks.values(), *(Task(20.0, fault_rows.examine, (row,)) for row in rows)]
+    tasks |= {row.name: Task(20.0, fault_rows.examine, (row,)) for row in rows}
     share_of_drives = 0.6 if filters else 1.0
     with pool(processes) as do_tasks:
-        found = do_tasks(every, lambda share: progress(share_of_drives * share)) if every else []
-    drives = {title: one for title, one in zip(tasks, found, strict=False) if one is not None}
+        found = do_tasks(kept(tasks, parts), lambda share: progress(share_of_drives * share)) if tasks else []
+    by_title = dict(zip(tasks, found, strict=True))
+    failed = {title: one.error for title, one in by_title.items() if isinstance(one, Failed)}
+    drives = {title: one for title, one in by_title.items() if isinstance(one, Outcome)}
+    faults = [one for one in by_title.values() if isinstance(one, fault_rows.RowOutcome)]
     navigation: Mapping[str, Mapping[str, Mapping[str, float]]] = {}
     if filters:
-        rest = 1.0 - share_of_drives
-        navigation = navigation_consistency.consistency(
-            store, progress=lambda share: progress(1.0 - rest * (1.0 - share)), quick=True, processes=processes
-        )
-    return Results(drives, found[len(tasks) :], navigation)
+        by_filter, of_filters = navigation_consistency.by_drive(
+            store, parts, progress=lambda share: progress(share_of_drives + (1.0 - share_of_drives) * share),
+            quick=True, processes=processes,
+        )  # fmt: skip
+        navigation, failed = navigation_consistency.summary(by_filter), failed | of_filters
+    return Results(drives, faults, navigation, failed, [title for title, one in by_title.items() if one is None])
 
 
 def _refuse_unknown(only: Sequence[str], titles: Iterable[str]) -> None:
@@ -249,6 +257,12 @@ def show(results: Results, console: Console) -> None:
     console.print(table)
     if results.faults:
         console.print(fault_rows.table(results.faults))
+    if results.left_out:
+        console.print(
+            f"Left out, as they are not here (VSENSE_DATA names their folder): {', '.join(results.left_out)}."
+        )
+    for title, error in results.failed.items():
+        console.print(f"{title} failed: {error}")
     if results.navigation:
         table = plain_table("filter", "output", "within 3σ [%]", "NEES", right=("within 3σ [%]", "NEES"))
         for name, outputs in results.navigation.items():

@@ -76,7 +76,23 @@ def test_what_is_written_of_a_part_leaves_the_others_in_the_file(tmp_path: Path)
 
 def test_a_part_that_does_not_exist_is_refused_with_those_that_do(tmp_path: Path) -> None:
     with pytest.raises(InputError, match=r"'hill climb'.*banked_oval.*faults"):
-        job.examine(tmp_path, tmp_path, only=["hills", "hill climb"])
+        job.examine(tmp_path, tmp_path, tmp_path, only=["hills", "hill climb"])
+
+
+def test_a_part_that_fails_or_is_not_here_is_told_and_the_others_are_there(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def on_bag(path: Path) -> job.Outcome | None:
+        if path.name == "sine_with_dwell":
+            raise ValueError("no such luck")
+        return None if path.name == "double_lane_change" else job.Outcome({path.name: Compared.of(*drive(1.0))}, {})
+
+    monkeypatch.setattr(job, "on_bag", on_bag)
+    bags = ["step_steer", "sine_with_dwell", "double_lane_change"]
+    results = job.examine(tmp_path, tmp_path, tmp_path, only=bags, processes=1)
+    assert results.failed == {"sine_with_dwell": "ValueError: no such luck"}
+    assert "double_lane_change" in results.left_out
+    assert "step_steer" in results.figures()["coverage"]
 
 
 @pytest.mark.exam
