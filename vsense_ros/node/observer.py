@@ -11,8 +11,9 @@ import sys
 import time
 from collections import Counter
 from dataclasses import replace
-from typing import Any
+from typing import Any, Literal
 
+import numpy as np
 from pydantic import Field
 
 from vsense_ros.errors import InputError
@@ -30,6 +31,7 @@ from vsense_ros.node.base import SensingNode, run_node
 from vsense_ros.node.convert import message_type
 from vsense_ros.node.durations import Durations
 from vsense_ros.node.extensions import Extension, fault_lines, installed, with_extensions
+from vsense_ros.node.odometry_frame import moved
 from vsense_ros.node.origin import read_origin, write_origin
 from vsense_ros.node.parameters import NodeParameters, parameter, path_parameter
 from vsense_ros.node.reader import LATCHED, Reader
@@ -61,6 +63,9 @@ class _OwnParameters(NodeParameters):
     map_frame: str = Field("map", description="frame of the map", min_length=1)
     odom_frame: str = Field("odom", description="frame in which the pose of the car is continuous", min_length=1)
     base_frame: str = Field("base_link", description="frame of the car: middle of the rear axle, on the ground")
+    odometry_frame: Literal["cog", "base_link"] = Field(
+        "cog", description="point of the car whose motion vsense/odometry has; Nav2 expects base_link"
+    )
     frame_prefix: str = Field("", description="prefix of all published and expected frames, such as car1/")
     autoware: bool = Field(False, description="publish vehicle/status/* of autoware_vehicle_msgs")
 
@@ -163,6 +168,9 @@ class ObserverNode(SensingNode[_OwnParameters]):
         self._renamed = any(name != own for name, own in self._frames.items())
         self._expected = {own: name for name, own in self._frames.items()}
         self._transforms = Transforms(car, self._frames) if p.transforms else None
+        chassis = car.physics.chassis
+        at_base = np.array([-chassis.cog_to_rear_axle, 0.0, -chassis.cog_height])
+        self._odometry_arm = at_base if p.odometry_frame == "base_link" else None
         if self._transforms is not None:
             self.outputs.create("/tf", "tf2_msgs/msg/TFMessage")
             self.outputs.create("/tf_static", "tf2_msgs/msg/TFMessage", LATCHED)
@@ -273,7 +281,10 @@ class ObserverNode(SensingNode[_OwnParameters]):
         self._next_due = max(self._next_due + self._interval, observer.stamp + self._interval // 2)
         samples = observer.estimate()
         for sample in samples:
-            self.outputs.publish(self._in_published_frame(sample) if self._renamed else sample)
+            one = sample
+            if self._odometry_arm is not None and sample.topic == "vsense/odometry":
+                one = moved(sample, self._odometry_arm, "base_link")
+            self.outputs.publish(self._in_published_frame(one) if self._renamed else one)
         if samples and self._transforms is not None:
             moving = self._transforms.moving(samples[0], observer.adapter.steering_angle)
             self.outputs.publish_bytes("/tf", "tf2_msgs/msg/TFMessage", moving)
