@@ -112,13 +112,19 @@ module body_mass #(
     end else begin : rows
       // The rows of the first phase go from the dot products straight back into them.
       localparam int STEPS = (ROWS == 3) ? 1 : 3;
+      // What a clock does is known at the one before.
+      logic       second, leaves;
+      logic [1:0] row_out;
+      always_ff @(posedge clk) begin
+        second <= (st == RUN) & (t >= 8'(LD));
+        leaves <= (st == RUN) & (t >= 8'(2 * LD + 1)) & (t < 8'(2 * LD + 1 + STEPS));
+        row_out <= 2'(t - 8'(2 * LD + 1));
+      end
       genvar i, j;
       for (i = 0; i < ROWS; i = i + 1) begin : row
         wire [127:0] y;
-        wire  second = (t >= 8'(LD + 1));
         wire [1:0] now = (ROWS == 3) ? 2'(i) : t[1:0];
-        wire [7:0] tb = t - 8'(2 * LD + 2);
-        wire [1:0] leaving = (ROWS == 3) ? 2'(i) : tb[1:0];
+        wire [1:0] leaving = (ROWS == 3) ? 2'(i) : row_out;
         for (j = 0; j < 4; j = j + 1) begin : column
           logic [95:0] a, b;
           dot3 #(.DEEP(DEEP)) u (.clk, .a, .b, .y(y[32*j +: 32]));
@@ -127,7 +133,7 @@ module body_mass #(
             b <= ~second ? c[j] : (j == 3) ? {64'd0, w[18]} : r[j % 3];
           end
           always_ff @(posedge clk)
-            if (st == RUN && tb < 8'(STEPS) && place(leaving, 2'(j)) != 4'd15) x[place(leaving, 2'(j))] <= y[32*j +: 32];
+            if (leaves && place(leaving, 2'(j)) != 4'd15) x[place(leaving, 2'(j))] <= y[32*j +: 32];
         end
       end
       assign done = (t == 8'(2 * LD + 1 + STEPS));

@@ -70,39 +70,58 @@ module fp32_add #(
     s4 <= s3 & ~(minus3 & ~(|r3));  // x - x = +0
   end
 
-  // The last step, and rounded; what the fraction carries out goes to the exponent in the next stage.
+  // The last step, and rounded.
   wire        more = ~n4[27];
   wire [26:0] m = more ? n4[26:0] << 1 : n4[26:0];  // without the leading one
   wire        up = m[3] & (m[4] | (|m[2:0]));
-  wire [23:0] sum = {1'b0, m[26:4]} + {23'd0, up};
-  wire [9:0]  exponent = {2'b00, e4} + 10'd1 - {5'd0, z4, more};
-  logic        s5, nan5, inf5, none5;
-  logic [23:0] r5;
-  logic [9:0]  x5;
+  logic        s5, nan5, inf5, none5, low, over;
+  logic [7:0]  e5;
+  logic [22:0] m5;
   generate
     if (DEEP) begin : deep
+      // What the fraction carries out goes to the exponent in the next stage.
+      logic [23:0] r5;
+      logic [9:0]  x5;
       always_ff @(posedge clk) begin
         {s5, nan5, inf5, none5} <= {s4, nan4, inf4, none4};
-        r5 <= sum;
-        x5 <= exponent;
+        r5 <= {1'b0, m[26:4]} + {23'd0, up};
+        x5 <= {2'b00, e4} + 10'd1 - {5'd0, z4, more};
       end
+      wire [9:0] x = x5 + {9'd0, r5[23]};
+      assign e5 = x[7:0];
+      assign m5 = r5[22:0];
+      assign low = x[9] | (x == 10'd0);
+      assign over = ~x[9] & (x >= 10'd255);
     end else begin : shallow
+      // The exponent less one, as it is, and with one more, of which the fraction chooses.
+      logic [29:0] more4;
+      always_ff @(posedge clk) more4 <= {10'(e3) + 10'd2, 10'(e3) + 10'd1, 10'(e3)};
+      logic [29:0] x;
+      logic [2:0]  low_, high_;
+      always_comb
+        for (int k = 0; k < 3; k = k + 1) begin
+          x[10*k +: 10] = more4[10*k +: 10] - {5'd0, z4, 1'b0};
+          low_[k] = x[10*k + 9] | (x[10*k +: 10] == 10'd0);
+          high_[k] = ~x[10*k + 9] & (x[10*k +: 10] >= 10'd255);
+        end
+      wire carry = up & (&m[26:4]);
+      wire less = more & ~carry, above = ~more & carry;
       always_comb begin
         {s5, nan5, inf5, none5} = {s4, nan4, inf4, none4};
-        r5 = sum;
-        x5 = exponent;
+        m5 = m[26:4] + {22'd0, up};
+        e5 = above ? x[27:20] : less ? x[7:0] : x[17:10];
+        low = above ? low_[2] : less ? low_[0] : low_[1];
+        over = above ? high_[2] : less ? high_[0] : high_[1];
       end
     end
   endgenerate
 
   // Packed.
-  wire [9:0] e5 = x5 + {9'd0, r5[23]};
-  wire       zero = none5 | e5[9] | (e5 == 10'd0);
-  wire       over = ~zero & (e5 >= 10'd255);
+  wire zero = none5 | low;
   always_ff @(posedge clk) begin
     y[31]    <= ~nan5 & s5;
-    y[30:23] <= (nan5 | inf5 | over) ? 8'hFF : zero ? 8'd0 : e5[7:0];
-    y[22]    <= nan5 | (r5[22] & ~(inf5 | zero | over));
-    y[21:0]  <= (nan5 | inf5 | zero | over) ? 22'd0 : r5[21:0];
+    y[30:23] <= (nan5 | inf5 | (over & ~zero)) ? 8'hFF : zero ? 8'd0 : e5;
+    y[22]    <= nan5 | (m5[22] & ~(inf5 | zero | over));
+    y[21:0]  <= (nan5 | inf5 | zero | over) ? 22'd0 : m5[21:0];
   end
 endmodule

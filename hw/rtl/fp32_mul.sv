@@ -42,13 +42,15 @@ module fp32_mul #(
   wire         rest = top ? (|p2[22:0]) : (|p2[21:0]);
   wire         up = half & (rest | fraction[0]);
 
-  logic        s3, nan3, inf3, zero3, up3;
-  logic [9:0]  e3;
-  logic [22:0] m3;
-  logic        s4, nan4, inf4, zero4;
-  logic [32:0] r4;
+  logic        s4, nan4, inf4, zero4, under, over;
+  logic [7:0]  e4;
+  logic [22:0] m4;
   generate
     if (DEEP) begin : deep
+      logic        s3, nan3, inf3, zero3, up3;
+      logic [9:0]  e3;
+      logic [22:0] m3;
+      logic [32:0] r4;
       always_ff @(posedge clk) begin
         {s3, nan3, inf3, zero3} <= {s2, nan2, inf2, zero2};
         e3  <= e2 + {9'd0, top};
@@ -58,26 +60,37 @@ module fp32_mul #(
         // A carry out of the fraction increments the exponent, as it should.
         r4  <= {e3, m3} + {32'd0, up3};
       end
+      assign {e4, m4} = r4[30:0];
+      assign under = r4[32] | (r4[32:23] == 10'd0);
+      assign over = ~r4[32] & (r4[32:23] >= 10'd255);
     end else begin : shallow
+      // The exponent as it is, and with one or two more, of which the fraction chooses.
+      logic [23:0] x2;
+      logic [2:0]  under2, over2;
+      wire  [29:0] x1 = {e1 + 10'd2, e1 + 10'd1, e1};
+      always_ff @(posedge clk)
+        for (int k = 0; k < 3; k = k + 1) begin
+          x2[8*k +: 8] <= x1[10*k +: 8];
+          under2[k] <= x1[10*k + 9] | (x1[10*k +: 10] == 10'd0);
+          over2[k] <= ~x1[10*k + 9] & (x1[10*k +: 10] >= 10'd255);
+        end
+      wire carry = up & (&fraction);
+      wire two = top & carry, one = top ^ carry;
       always_comb begin
-        {s3, nan3, inf3, zero3} = {s2, nan2, inf2, zero2};
-        e3  = e2 + {9'd0, top};
-        m3  = fraction;
-        up3 = up;
-        {s4, nan4, inf4, zero4} = {s3, nan3, inf3, zero3};
-        r4  = {e3, m3} + {32'd0, up3};
+        {s4, nan4, inf4, zero4} = {s2, nan2, inf2, zero2};
+        m4 = fraction + {22'd0, up};
+        e4 = two ? x2[23:16] : one ? x2[15:8] : x2[7:0];
+        under = two ? under2[2] : one ? under2[1] : under2[0];
+        over = two ? over2[2] : one ? over2[1] : over2[0];
       end
     end
   endgenerate
 
   // Packed.
-  wire [9:0] e4 = r4[32:23];
-  wire       under = e4[9] | (e4 == 10'd0);
-  wire       over = ~e4[9] & (e4 >= 10'd255);
   always_ff @(posedge clk) begin
     y[31]    <= ~nan4 & s4;
-    y[30:23] <= (nan4 | inf4) ? 8'hFF : (zero4 | under) ? 8'd0 : over ? 8'hFF : r4[30:23];
-    y[22]    <= nan4 | (r4[22] & ~(inf4 | zero4 | under | over));
-    y[21:0]  <= (nan4 | inf4 | zero4 | under | over) ? 22'd0 : r4[21:0];
+    y[30:23] <= (nan4 | inf4) ? 8'hFF : (zero4 | under) ? 8'd0 : over ? 8'hFF : e4;
+    y[22]    <= nan4 | (m4[22] & ~(inf4 | zero4 | under | over));
+    y[21:0]  <= (nan4 | inf4 | zero4 | under | over) ? 22'd0 : m4[21:0];
   end
 endmodule

@@ -74,9 +74,9 @@ module suspension_motion #(
         RUN: begin
           phase <= last_phase ? 4'd0 : phase + 1'b1;
           if (last_phase) step <= step + 1'b1;
-          if (last_step & (phase == 4'd6)) begin
+          if (ends) begin
             phase <= '0; step <= '0;
-            group <= last_group ? '0 : group + 1'b1;
+            group <= following;
             if (last_group) st <= OUT;
           end
         end
@@ -88,6 +88,21 @@ module suspension_motion #(
       endcase
     end
   end
+  // Words of the table are addressed and read before they are needed. A chain begins with the last column of its row in
+  // front, c_5 at the rear: chain c of the inner steps is row 5 - c.
+  wire         begins = (st == LOAD) & s_tvalid & ~s_tuser & (at == 4'd11);
+  wire         ends = last_step & (phase == 4'd6);
+  wire [GB-1:0] following = last_group ? '0 : group + 1'b1;
+  logic [9:0]  begin_at, add_at;                // group, word
+  logic [2:0]  row_at;
+  always_ff @(posedge clk)
+    if (begins) begin_at <= {4'd0, 6'(4 * 7 + 6)};
+    else if (st != RUN) begin_at <= {4'd0, 6'(5 * 7 + 6)};
+    else if (ends) begin_at <= {4'(following), 6'(4 * 7 + 6)};
+    else if (last_step | (last_phase & (step == 4'(STEPS - 1)))) begin_at <= {4'(following), 6'(5 * 7 + 6)};
+    else if ((step == 4'd0) & ~last_phase) begin_at <= {4'(group), 6'((4'd3 - phase) * 7 + 6)};
+    else begin_at <= {4'(group), 6'd47};
+
   wire [1:0] corner = (at < 4'd3) ? 2'd0 : (at < 4'd6) ? 2'd1 : (at < 4'd9) ? 2'd2 : 2'd3;
   wire [1:0] part = 2'(at - 4'd3 * corner);
   always_ff @(posedge clk)
@@ -105,10 +120,16 @@ module suspension_motion #(
     side[1] <= {used & rst_n, step, phase, group};
     for (int i = 2; i <= T; i = i + 1) side[i] <= side[i-1] & {(9+GB){rst_n}};
   end
-  wire          sum_valid, add_valid; wire [3:0] sum_step, sum_chain, add_step, add_chain;
-  wire [GB-1:0] sum_group, add_group;
+  wire          sum_valid; wire [3:0] sum_step, sum_chain, add_step, add_chain, soon_step, soon_chain;
+  wire [GB-1:0] sum_group, soon_group;
   assign {sum_valid, sum_step, sum_chain, sum_group} = side[T];
-  assign {add_valid, add_step, add_chain, add_group} = side[LM];
+  assign {add_step, add_chain} = side[LM][7+GB:GB];
+  assign {soon_step, soon_chain, soon_group} = side[LM-2][7+GB:0];
+  always_ff @(posedge clk) begin
+    add_at <= {4'(soon_group), (soon_step < 4'(INNER)) ? 6'((4'd5 - soon_chain) * 7 + 5 - soon_step)
+                                                       : 6'(6'd46 - (6'(soon_step) - 6'(INNER)))};
+    row_at <= 3'(4'(INNER + 4) - soon_step);
+  end
 
   // Results of all units, by unit: pair of the unit × (chain, or rate of slope).
   logic [31:0] left [0:U-1];
@@ -139,10 +160,8 @@ module suspension_motion #(
       // Operands: what came back from the sum, or what a chain begins with.
       wire  [31:0] product, sum;
       logic [31:0] a, b, begin_with;
-      // Chain c of the inner steps is row 5 - c. Words of the table that chains begin with: the last column of their
-      // row in front, c_5 at the rear.
-      wire [5:0] first_word = (step == 4'd0) ? 6'((4'd5 - phase) * 7 + 6) : 6'd47;
-      wire [31:0] from_table = table_[{4'(group), first_word}];
+      logic [31:0] from_table;
+      always_ff @(posedge clk) from_table <= table_[begin_at];
       always_comb begin
         if (step == 4'd0) begin_with = from_table;
         else if (phase == 4'd0) begin_with = sum;  // row 5, which leaves the sum just now
@@ -160,9 +179,11 @@ module suspension_motion #(
 
       // Addends: a coefficient, or what the chain before held.
       logic [31:0] held [0:LM];
-      wire [5:0] add_word = (add_step < 4'(INNER)) ? 6'((4'd5 - add_chain) * 7 + 5 - add_step) : 6'(6'd46 - (6'(add_step) - 6'(INNER)));
-      wire [31:0] add_table = table_[{4'(add_group), add_word}];
-      wire [31:0] add_row = rows[3'(4'(INNER + 4) - add_step)];
+      logic [31:0] add_table, add_row;
+      always_ff @(posedge clk) begin
+        add_table <= table_[add_at];
+        add_row <= rows[row_at];
+      end
       logic [31:0] addend;
       always_ff @(posedge clk) begin
         held[0] <= a;
