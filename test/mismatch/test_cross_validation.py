@@ -32,7 +32,7 @@ def window(recording: int, begin: float, end: float, speed: float, at: float) ->
     """A stretch of steady driving that begins at an abscissa [m]."""
     t = np.array([begin - 1.0, end + 1.0])
     return SimpleNamespace(
-        recording=recording, begin=begin, end=end, place=Readings(t, (at + speed * (t - begin))[:, None])
+        recording=recording, begin=begin, end=end, run_in=2.5, place=Readings(t, (at + speed * (t - begin))[:, None])
     )
 
 

@@ -17,11 +17,12 @@ from vsense_ros.identification.least_squares import Fit, Settings, fit, slope
 from vsense_ros.mismatch.candidates import base_parameters, candidates, out_of_reach
 from vsense_ros.mismatch.residuals import RESIDUALS, Residuals, tempered, untempered
 from vsense_ros.mismatch.search import Search
+from vsense_ros.mismatch.short_windows import SHORT, Restarts
 from vsense_ros.mismatch.signals import grid
 from vsense_ros.mismatch.simulation import Predictor
 from vsense_ros.mismatch.thresholds import THRESHOLDS
 from vsense_ros.mismatch.validation import Validation
-from vsense_ros.mismatch.windows import build_dataset
+from vsense_ros.mismatch.windows import Dataset, build_dataset
 from vsense_ros.model.car.car import car_of
 from vsense_ros.model.coordinates import INPUTS, SPIN, TORQUES, X
 from vsense_ros.model.simulation.closed_loop import rolling_radii, rolling_straight
@@ -73,6 +74,32 @@ def test_a_secant_with_which_the_car_gets_lost_is_taken_with_a_smaller_step(slal
     (found,), (expected,) = (slope(residuals, slalom.start, at, less_grip, step) for step in (0.8, 0.2))
     assert np.array_equal(found, expected)
     assert np.any(expected)
+
+
+def slippery_at_the_limit() -> tuple[Dataset, Predictor]:
+    """A drive at the limit in windows near the car, and a car with less grip on the rear axle, which spins there."""
+    car = prototype()
+    slippery = car.with_parameters({"rear.grip_scale": 0.9})
+    recording = driven(car, "at the limit")
+    predictor = Predictor(slippery, build_dataset([recording], slippery))
+    assert predictor.lost(predictor.start) == [True]
+    return Restarts([recording], slippery).near_the_car(predictor.dataset, predictor.start), predictor
+
+
+def test_where_a_simulated_car_spins_short_windows_begin_where_the_real_one_is():
+    near, spinning = slippery_at_the_limit()
+    truth = driven(prototype(), "at the limit")["reference/odometry"]
+    t = (truth.stamp - truth.stamp[0]) * 1e-9
+    assert len(near.windows) >= 3
+    for window in near.windows:
+        lateral = np.interp(window.begin, t, truth.columns["linear"][:, 1])
+        assert window.lateral_velocity == pytest.approx(lateral, abs=0.2)  # half a degree of side slip
+        assert len(grid(window)) == pytest.approx(SHORT.compared / 0.04, abs=1)
+    assert "compared 2 s at a time" in near.remarks[-1]
+    residuals = Residuals(Predictor(spinning.vehicle, near))
+    assert not any(residuals.predictor.lost(spinning.start))
+    whole = Residuals(spinning)
+    assert residuals.level(residuals(spinning.start)) < whole.level(whole(spinning.start))
 
 
 def test_what_a_car_measures_before_it_gets_lost_is_compared():

@@ -36,7 +36,7 @@ class Made:
     def __init__(self, begins: tuple[float, ...], size: float, seed: int, lasting: float = 0.0) -> None:
         """`begins` [s] of each recording; noise of neighbouring instants is alike by `lasting` (AR(1))."""
         rng = np.random.default_rng(seed)
-        windows = [SimpleNamespace(name=f"drive {i}", begin=0.0, end=DURATION) for i in range(len(begins))]
+        windows = [SimpleNamespace(name=f"drive {i}", begin=0.0, end=DURATION, run_in=2.5) for i in range(len(begins))]
         self.t = grid(windows[0])
         n = len(self.t)
         offset = np.concatenate([np.ones(n), np.zeros(n)])

@@ -25,7 +25,7 @@ ROAD = np.arange(0.0, SPEED * 20.0 * WINDOWS, SPACING)
 def window(number: int) -> SimpleNamespace:
     begin = 20.0 * number
     t = np.array([begin, begin + 20.0])
-    return SimpleNamespace(begin=begin, end=begin + 20.0, place=Readings(t, SPEED * t[:, None]))
+    return SimpleNamespace(begin=begin, end=begin + 20.0, run_in=2.5, place=Readings(t, SPEED * t[:, None]))
 
 
 def near(at: np.ndarray, place: float) -> np.ndarray:

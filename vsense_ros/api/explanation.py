@@ -8,7 +8,7 @@ from pathlib import Path
 from vsense_ros.api.recording import Sources, read_all
 from vsense_ros.api.vehicle import load_vehicle
 from vsense_ros.messages.laps import laps
-from vsense_ros.mismatch.explain import STAGES, Explanation, explain_recordings
+from vsense_ros.mismatch.explain import Explanation, explain_recordings, stepwise
 from vsense_ros.model.vehicle import Vehicle
 
 
@@ -50,15 +50,13 @@ def explain(
             [lap for recording in recordings_of_kind for lap in laps(recording)]
             for recordings_of_kind in (train, proof)
         )
-    done = progress or (lambda share: None)
-    steps = iter(range(STAGES))
     return explain_recordings(
         train,
         car,
         proof,
         assume,
         ablation,
-        lambda: done(min(1.0, (next(steps, STAGES) + 1) / STAGES)),
+        stepwise(progress or (lambda share: None)),
         mend=mend,
         observe=observe,
     )

@@ -23,6 +23,10 @@ from vsense_ros.model.vehicle import Vehicle
 MOST_LEFT_OUT = 8  # signals; where more are wrong, it is not one of them
 
 
+class NotAssessableError(Exception):
+    """Nothing can be said of the recordings; the message says why."""
+
+
 @dataclass(frozen=True)
 class Comparable:
     """Recordings without the signals that cannot be right: `fitted` windows of `recordings`, and `unseen` ones of

@@ -83,11 +83,11 @@ class Drives:
             at = middle + torques_late
             for wheel, torque in enumerate(torques.value[known].T, TORQUES.start):
                 inputs[:, wheel] = np.interp(at, torques.t[known], torque)
-            inertia[middle > window.begin + WINDOWS.run_in - 0.5] = 0.0
+            inertia[middle > window.begin + window.run_in - 0.5] = 0.0
         else:
             inertia *= 2 * _of_each_wheel(acceleration, *way.shares)
             inputs[:, TORQUES] = inertia / self.radius * acceleration[:, None]
-        q, u = turning(self.vehicle, float(speed[0]), window.yaw_rate)
+        q, u = turning(self.vehicle, float(speed[0]), window.yaw_rate, window.lateral_velocity)
         q[YAW] += window.heading
         target, gain = speed / self.radius, inertia / WINDOWS.holding_time
         return Run(q, u, Inputs(PREDICTION.step, inputs, way.around, way.varying, target, gain), way.parameters, memory)
@@ -160,16 +160,19 @@ def _of_each_wheel(acceleration: Array, driving: float, braking: float) -> Array
     return np.column_stack([front, front, 1 - front, 1 - front])
 
 
-def turning(vehicle: Vehicle, speed: float, yaw_rate: float) -> tuple[Array, Array]:
+def turning(
+    vehicle: Vehicle, speed: float, yaw_rate: float, lateral_velocity: float | None = None
+) -> tuple[Array, Array]:
     """Coordinates and velocities (14 each) of a car that goes along the map's x at a `speed` [m/s] and turns to the
-    left by a `yaw_rate` [rad/s]: the single-track car in a steady bend, on tyres of a usual cornering stiffness. From
-    there the simulation is sooner where the car is than from a car that goes straight, which enters a bend at its limit
-    as no driver does.
+    left by a `yaw_rate` [rad/s]. Where its `lateral_velocity` [m/s] is not known, it has that of the single-track car
+    in a steady bend, on tyres of a usual cornering stiffness. From there the simulation is sooner where the car is than
+    from a car that goes straight, which enters a bend at its limit as no driver does.
     """
     physics = vehicle.physics
     q, u = rolling_straight(vehicle, speed)
     u[YAW] = yaw_rate
-    u[Y] = yaw_rate * (physics.chassis.cog_to_rear_axle - speed**2 / (PREDICTION.cornering_stiffness * GRAVITY))
+    usual = yaw_rate * (physics.chassis.cog_to_rear_axle - speed**2 / (PREDICTION.cornering_stiffness * GRAVITY))
+    u[Y] = usual if lateral_velocity is None else lateral_velocity
     q[YAW] = -np.arctan2(u[Y], speed)
     track = np.array([physics.front.track, physics.front.track, physics.rear.track, physics.rear.track])
     u[SPIN] *= 1 - yaw_rate / speed * track / 2 * np.array([1, -1, 1, -1])

@@ -11,6 +11,7 @@ the library explains it; `no_mismatch`; `not_assessable`, with the reason.
 from __future__ import annotations
 
 import csv
+import itertools
 import time
 from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass, field, replace
@@ -25,15 +26,14 @@ from vsense_ros.errors import InputError
 from vsense_ros.evaluate.printable import Printable
 from vsense_ros.files.atomic import atomic_write
 from vsense_ros.files.vehicle import save_vehicle
-from vsense_ros.identification.free_parameter import FreeParameter
-from vsense_ros.identification.least_squares import DivergedError, Fit, fit
+from vsense_ros.identification.least_squares import DivergedError, Fit
 from vsense_ros.messages.recording import Recording
 from vsense_ros.mismatch import answer as entries
 from vsense_ros.mismatch.answer_schema import VERSION, Answer, EffectEntry, Located, OutOfReach
 from vsense_ros.mismatch.answer_sentence import conditions, sentence
 from vsense_ros.mismatch.beforehand import Beforehand, not_proven
 from vsense_ros.mismatch.candidates import BASE, Candidate, base_parameters, candidates, out_of_reach
-from vsense_ros.mismatch.comparable import comparable
+from vsense_ros.mismatch.comparable import NotAssessableError, comparable
 from vsense_ros.mismatch.data_quality import faults_in_words, faults_of, misfit, steps_in_words
 from vsense_ros.mismatch.design import NEXT
 from vsense_ros.mismatch.extension import extended
@@ -47,7 +47,7 @@ from vsense_ros.mismatch.remarks import ALONE, Evidence, remarks
 from vsense_ros.mismatch.residuals import Residuals
 from vsense_ros.mismatch.search import Search
 from vsense_ros.mismatch.selection import most_telling
-from vsense_ros.mismatch.simulation import LOST, Predictor
+from vsense_ros.mismatch.short_windows import Restarts
 from vsense_ros.mismatch.stand_ins import what_looks_alike
 from vsense_ros.mismatch.terminal import printed
 from vsense_ros.mismatch.thresholds import THRESHOLDS
@@ -63,12 +63,8 @@ if TYPE_CHECKING:
 ABLATIONS = ("no_refit", "no_projection", "chi2_thresholds")
 # [s] of driving that is fitted at most, and as much that it is proven on: more of it takes hours and shows little more.
 LONGEST_FITTED = 900.0
-STAGES = len(BASE) * 3 + 70  # steps of the progress, about
+STAGES = len(BASE) * 3 + 70  # steps of the progress that take about half of the time
 EXTENDED, ROAD = "vehicle.extended.yaml", "road.csv"
-NOTHING_TO_COMPARE = (
-    "where the car drives and its inputs are known, nothing is measured that the model predicts; expected readings of "
-    "an inertial sensor, wheel speeds or GNSS velocities throughout"
-)
 TRACELESS = "nothing that was recorded depends on it"
 # Of a place on the road: number of its stretch, metres along it, degrees, radians counter-clockwise from east.
 PLACE = ("stretch", "distance", "latitude", "longitude", "direction")
@@ -121,8 +117,16 @@ def _or_empty(value: float | None) -> float | str:
     return "" if value is None else value
 
 
-class NotAssessableError(Exception):
-    """Nothing can be said of the recordings; the message says why."""
+def stepwise(progress: Callable[[float], None]) -> Callable[[], None]:
+    """A function that is called at each step, and tells `progress` the share that is done. How many steps there will be
+    is not known: the share comes near 1 and does not reach it."""
+    steps = itertools.count(1)
+
+    def step() -> None:
+        done = next(steps)
+        progress(done / (done + STAGES))
+
+    return step
 
 
 def explain_recordings(
@@ -172,6 +176,7 @@ def explain_recordings(
         compared.vehicle,
         progress,
         compared.known,
+        (compared.recordings, compared.held_out),
     )  # fmt: skip
     try:
         if reason := compared.refused:
@@ -216,10 +221,13 @@ class _Explainer:
     can be said."""
 
     def __init__(
-        self, unanswered: Answer, vehicle: Vehicle, progress: Callable[[], None], known: Sequence[Beforehand]
-    ) -> None:
-        """`vehicle` has the defects of its sensors that are `known` before any fit."""
+        self, unanswered: Answer, vehicle: Vehicle, progress: Callable[[], None], known: Sequence[Beforehand],
+        recordings: Sequence[Sequence[Recording]],
+    ) -> None:  # fmt: skip
+        """`vehicle` has the defects of its sensors that are `known` before any fit; `recordings` are those to fit to,
+        and those that are held out."""
         self.answer, self.vehicle, self.progress, self.known = unanswered, vehicle, progress, known
+        self.fitted_restarts, self.unseen_restarts = (Restarts(some, vehicle) for some in recordings)
 
     def explanation(self, dataset: Dataset, unseen: Dataset) -> Explanation:
         """The answer about recordings that can be assessed. Raises `NotAssessableError` where they cannot."""
@@ -228,6 +236,7 @@ class _Explainer:
         search, hypotheses = self._searched(dataset, beyond, kinds)
         self._note_traceless(search, beyond)
         strange = misfit(search.base, search.residuals)  # unless what the model leaves out is the reason
+        unseen = self.unseen_restarts.near_the_car(unseen, search.base.parameter_set)
         validation = Validation(unseen, self.vehicle, search.residuals, search.base, self.progress)
         self._note_validation(search.residuals, validation)
         judged, varying = _with_final_sizes(search, self._judged(search, hypotheses, validation), validation)
@@ -356,7 +365,7 @@ class _Explainer:
         other base parameters if an effect has shown that their fit had stopped short."""
         free_parameters = () if self.answer.ablation == "no_refit" else base_parameters(self.vehicle, beyond, kinds)
         try:
-            dataset, residuals, base = _refitted(self.vehicle, dataset, free_parameters, self.progress)
+            dataset, residuals, base = self.fitted_restarts.refitted(dataset, free_parameters, self.progress)
         except DivergedError:
             raise NotAssessableError(
                 "the car of the vehicle file leaves the road when it is driven with the recorded inputs; is it the "
@@ -453,28 +462,6 @@ def _led_by(judged: Judged, leader: Hypothesis, validation: Validation) -> Judge
     """The verdict with another fit of the leader, unless that one would make names doubtful which are not."""
     led = judged.led_by(leader, validation)
     return judged if set(led.doubted) > set(judged.doubted) else led
-
-
-def _refitted(
-    vehicle: Vehicle, dataset: Dataset, free_parameters: Sequence[FreeParameter], progress: Callable[[], None]
-) -> tuple[Dataset, Residuals, Fit]:
-    """The base parameters fitted to all windows; without those in which the simulated car gets lost even when it is
-    fitted to the others, unless they are most of them. Returned with the windows that were fitted."""
-    residuals = Residuals(Predictor(vehicle, dataset))
-    if not any(residuals.layout):
-        raise NotAssessableError(NOTHING_TO_COMPARE)
-    base = fit(residuals, residuals.predictor.start, free_parameters, progress=progress)
-    lost = residuals.predictor.lost(base.parameter_set)
-    if not any(lost) or 2 * sum(lost) > len(lost):
-        return dataset, residuals, base
-    rest = dataset.without(lost, LOST)
-    residuals_of_rest = Residuals(Predictor(vehicle, rest))
-    fitted = fit(residuals_of_rest, residuals.predictor.start, free_parameters, begin=base.offsets, progress=progress)
-    if not any(residuals.predictor.lost(fitted.parameter_set)):
-        base = fit(residuals, residuals.predictor.start, free_parameters, begin=fitted.offsets, progress=progress)
-        if not any(residuals.predictor.lost(base.parameter_set)):
-            return dataset, residuals, base
-    return rest, residuals_of_rest, fitted
 
 
 def _all_of(id: str, library: Sequence[Candidate]) -> Candidate:

@@ -31,7 +31,7 @@ from vsense_ros.files.vehicle import load_vehicle
 from vsense_ros.messages.recording import Recording
 from vsense_ros.mismatch.answer_schema import Answer, EffectEntry, read_answer
 from vsense_ros.mismatch.design import designed
-from vsense_ros.mismatch.explain import STAGES, Explanation, explain_recordings
+from vsense_ros.mismatch.explain import Explanation, explain_recordings, stepwise
 from vsense_ros.mismatch.windows import LEFT_OUT, build_dataset
 from vsense_ros.model.vehicle import Vehicle
 
@@ -314,10 +314,7 @@ def explain_member(member: Member, out: Path, progress: Callable[[float], None] 
 def _explained(member: Member, car: Vehicle, progress: Callable[[float], None]) -> tuple[Explanation, dict[str, str]]:
     """The answer about the recordings that can be used, and by name why others cannot."""
     read, reasons = _read(member)
-    steps = iter(range(STAGES))
-
-    def step() -> None:
-        progress(min(1.0, (next(steps, STAGES) + 1) / STAGES))
+    step = stepwise(progress)
 
     def explained() -> Explanation:
         training, held_out = (

@@ -333,8 +333,8 @@ def _judged(compared: ObserverComparison) -> tuple[bool, str]:
     rival = was if kept else retuned
     gained, by_noise = (one.log_likelihood - was.log_likelihood for one in (extended, rival))
     rises = gained > COMPARISON.noteworthy
-    nearer, further_off = _changed(extended, rival)
-    by_model = nearer < 1 / COMPARISON.worse or (gained - by_noise > COMPARISON.noteworthy and further_off <= 1)
+    off = _changed(extended, rival)
+    by_model = off < 1 / COMPARISON.worse or (gained - by_noise > COMPARISON.noteworthy and off <= 1)
     grown = _grown(extended.errors, was.errors)
     figures = (
         f"on {on} the log-likelihood per message changes by {_signed(gained)}; other noise levels alone change it by "
@@ -367,16 +367,13 @@ def _grown(errors: Mapping[str, ObserverError], before: Mapping[str, ObserverErr
     ]
 
 
-def _changed(extended: ObserverFigures, retuned: ObserverFigures) -> tuple[float, float]:
+def _changed(extended: ObserverFigures, retuned: ObserverFigures) -> float:
     """The side slip's error with the extended file over that with other noise levels alone, with the mounting of the
-    reference fitted, and the smaller of that and the ratio with the mounting of the file: a few centimetres of lever
-    arm make up for small errors of a model. 1 without a reference."""
+    reference fitted, as its constant says nothing of the observer; 1 without a reference."""
     name = PROVING[0]
     if name not in extended.errors or name not in retuned.errors:
-        return 1.0, 1.0
-    one, other = extended.errors[name], retuned.errors[name]
-    fitted = one.without_constant / max(other.without_constant, 1e-12)
-    return fitted, min(fitted, one.rmse / max(other.rmse, 1e-12))
+        return 1.0
+    return extended.errors[name].without_constant / max(retuned.errors[name].without_constant, 1e-12)
 
 
 def _signed(value: float) -> str:

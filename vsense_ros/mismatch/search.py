@@ -219,6 +219,7 @@ class Search:
         profile, at = profiles[first_size(single)], hypothesis.fit
         if not self.validation.profiles_can_be_validated:
             return None
+        self.secants.simulate_new([profile])
         fitted = self.fitting.fit(self.secants.joined(at, profile.places))
         fitted = self.fitting.fit(replace(fitted, slopes=self.secants.all_slopes_at(fitted)))
         if at.value - fitted.value < EFFORT.least_profile_gain * self.whole:

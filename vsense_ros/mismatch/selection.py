@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from vsense_ros.mismatch.windows import WINDOWS, Dataset, Readings, Window
+from vsense_ros.mismatch.windows import Dataset, Readings, Window
 
 Array = NDArray[np.float64]
 
@@ -31,7 +31,7 @@ def most_telling(dataset: Dataset, duration: float) -> Dataset:
     those over which time, speed, steering and what follows from these vary most together (a D-optimal design of
     experiments, Wald 1943, greedily).
     """
-    lengths = [w.end - w.begin - WINDOWS.run_in for w in dataset.windows]
+    lengths = [w.end - w.begin - w.run_in for w in dataset.windows]
     if sum(lengths) <= duration:
         return dataset
     steering = {name for name, sensor in dataset.sensors.items() if "steering" in sensor.measures}
@@ -68,7 +68,7 @@ def most_telling(dataset: Dataset, duration: float) -> Dataset:
 def _description(window: Window, steering: Readings) -> Array:
     """How a window differs, without a model, from others, (instants, 7): the time since the recording began,
     speed, its square and its rate, steering angle, its rate, and angle times squared speed (lateral acceleration)."""
-    t = np.arange(window.begin + WINDOWS.run_in, window.end, SELECTION.sampling)
+    t = np.arange(window.begin + window.run_in, window.end, SELECTION.sampling)
     known = np.isfinite(steering.value[:, 0])
     speed = np.interp(t, window.speed.t, window.speed.value[:, 0])
     angle = np.interp(t, steering.t[known], steering.value[known, 0])

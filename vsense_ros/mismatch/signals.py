@@ -45,7 +45,7 @@ SHAKING = "vertical_acceleration"  # which says how much an uneven road shakes t
 def grid(window: Window) -> Array:
     """Times at which the signals of a window are kept [s]."""
     t = np.arange(window.begin, window.end, WINDOWS.grid)
-    inside = slice(round(WINDOWS.run_in / WINDOWS.grid), len(t) - round(SIGNALS.edge / WINDOWS.grid))
+    inside = slice(round(window.run_in / WINDOWS.grid), len(t) - round(SIGNALS.edge / WINDOWS.grid))
     return t[inside][:: SIGNALS.kept_every]
 
 
@@ -55,7 +55,7 @@ def signals(
     """Signals of a window by name on its `grid`, from readings by sensor, measured or simulated; `radius` is a rolling
     radius [m], the same for both. Signals with gaps are left out."""
     t = np.arange(window.begin, window.end, WINDOWS.grid)
-    inside = slice(round(WINDOWS.run_in / WINDOWS.grid), len(t) - round(SIGNALS.edge / WINDOWS.grid))
+    inside = slice(round(window.run_in / WINDOWS.grid), len(t) - round(SIGNALS.edge / WINDOWS.grid))
     interpolated = {name: np.interp(t, at, value) for name, at, value in _made(window, readings, sensors, radius)}
     if not interpolated:
         return {}

@@ -87,6 +87,19 @@ class Window:
     turned: Readings
     place: Readings  # (n, 1) abscissa along the road [m], the same for the same place on every lap
     yaw_rate: float = 0.0  # at the beginning [rad/s], as far as it is known
+    lateral_velocity: float | None = None  # there [m/s]; None: that of usual tyres in a steady bend
+    run_in: float = WINDOWS.run_in  # [s] at the beginning that are not compared
+
+    def part(self, begin: float, end: float, *, run_in: float, yaw_rate: float, lateral_velocity: float) -> Window:
+        """A part of it, which begins at another time [s] in a known state."""
+        turned = np.interp([self.begin, begin], self.turned.t, self.turned.value[:, 0])
+        inside = {sensor: _cut(rows, begin - 1.0, end + 1.0) for sensor, rows in self.readings.items()}
+        return replace(
+            self, begin=begin, end=end, run_in=run_in, yaw_rate=yaw_rate, lateral_velocity=lateral_velocity,
+            readings={sensor: rows for sensor, rows in inside.items() if len(rows.t) >= 2},
+            speed=_cut(self.speed, begin - 1.0, end + 1.0), heading=self.heading + float(turned[1] - turned[0]),
+            turned=_spanning(self.turned, begin - 1.0, end + 1.0), place=_spanning(self.place, begin - 1.0, end + 1.0),
+        )  # fmt: skip
 
 
 @dataclass(frozen=True)
