@@ -13,7 +13,7 @@ from collections.abc import Callable, Collection, Generator, Iterable, Iterator,
 from dataclasses import dataclass, replace
 from functools import cached_property
 from itertools import chain, islice
-from typing import Protocol
+from typing import Any, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -23,6 +23,9 @@ from vsense_ros.identification.normal_equations import NormalEquations, minimise
 from vsense_ros.identification.parameter_set import ParameterSet
 
 Array = NDArray[np.float64]
+# Slopes are secants, right to a few digits: with half as many bytes, what a search keeps of them takes half as much
+# memory. Their products are taken in double precision, as parameters may stand in for one another.
+Slopes = NDArray[np.float32]
 
 
 @dataclass(frozen=True)
@@ -97,7 +100,7 @@ class Fit:
     free_parameters: tuple[FreeParameter, ...]
     offsets: Array  # (k,)
     residuals: list[Array]  # by block, (rows,)
-    slopes: list[Array]  # by block, (rows, k) by the free parameters in units of their deviations
+    slopes: list[Slopes]  # by block, (rows, k) by the free parameters in units of their deviations
     weight: float  # what a free parameter that is one deviation off costs
     converged: bool = True
 
@@ -126,13 +129,13 @@ class Fit:
         """Normal equations of the fit."""
         return NormalEquations(
             self.free_parameters, self.scaled_offsets, self.weight,
-            np.array([s.T @ s for s in self.slopes]),
+            np.array([products(s) for s in self.slopes]),
             np.array([s.T @ r for s, r in zip(self.slopes, self.residuals, strict=True)]),
             np.array([r @ r for r in self.residuals]),
             np.array([len(r) for r in self.residuals]),
         )  # fmt: skip
 
-    def joined(self, free_parameters: Sequence[FreeParameter], slopes: Iterable[Array]) -> Fit:
+    def joined(self, free_parameters: Sequence[FreeParameter], slopes: Iterable[Slopes]) -> Fit:
         """The fit with further free parameters, of which the slopes (rows, n) by block are given. One that it has
         already, by name, is replaced where it is; all others are at zero."""
         names, present = {parameter.name for parameter in free_parameters}, self.offset_by_name
@@ -147,6 +150,12 @@ class Fit:
                 for present_slopes, further_slopes in zip(self.slopes, slopes, strict=True)
             ],
         )
+
+
+def products(slopes: NDArray[np.floating[Any]]) -> Array:
+    """The products (k, k) of the columns of slopes (rows, k)."""
+    double = slopes.astype(np.float64)
+    return np.asarray(double.T @ double)
 
 
 def cost(residuals: Sequence[Array]) -> float:
@@ -166,7 +175,7 @@ def prior_weight(residuals: Sequence[Array]) -> float:
 
 def slope(
     residuals: ResidualFunction, start: ParameterSet, fit: Fit, parameter: FreeParameter, step: float = SEARCH.secant
-) -> list[Array]:
+) -> list[Slopes]:
     """Secant of the residuals, per deviation of a free parameter whose offset is changed by `step` likely ones from a
     fit that began at `start`. Where the simulation diverges with that and does not in the fit, which would tell
     nothing, other steps are tried."""
@@ -175,14 +184,17 @@ def slope(
 
 def _slope(
     residuals: ResidualFunction, fit: Fit, parameter: FreeParameter, attempts: Iterable[tuple[float, ParameterSet]]
-) -> list[Array]:
+) -> list[Slopes]:
     """`slope` by the first of the attempts in which the simulation diverges no more than in the fit."""
-    best, fewest = [np.zeros(len(r)) for r in fit.residuals], len(fit.residuals) + 1
+    best, fewest = [np.zeros(len(r), np.float32) for r in fit.residuals], len(fit.residuals) + 1
     for change, parameter_set in attempts:
         changed = residuals(parameter_set, fit.residuals)
         diverged = sum(residuals.diverged(parameter_set))
         if diverged < fewest:
-            best = [(c - r) * (parameter.deviation / change) for c, r in zip(changed, fit.residuals, strict=True)]
+            best = [
+                ((c - r) * (parameter.deviation / change)).astype(np.float32)
+                for c, r in zip(changed, fit.residuals, strict=True)
+            ]
             fewest = diverged
         if not diverged or diverged <= sum(residuals.diverged(fit.parameter_set)):
             break
@@ -195,7 +207,7 @@ def slopes_by(
     fit: Fit,
     free_parameters: Sequence[FreeParameter],
     step: float = SEARCH.secant,
-) -> Iterator[list[Array]]:
+) -> Iterator[list[Slopes]]:
     """`slope` by each of the free parameters, several of which are simulated side by side."""
     at_once = residuals.at_once
     for begin in range(0, len(free_parameters), at_once):
@@ -231,10 +243,10 @@ def slopes_at(
     fitted: Fit,
     progress: Callable[[], None] = lambda: None,
     step: float = SEARCH.secant,
-) -> list[Array]:
+) -> list[Slopes]:
     """By block, (rows, k): secants by all free parameters of a fit from where it is, per deviation; it began at
     `start`."""
-    slopes = [np.zeros((len(r), len(fitted.free_parameters))) for r in fitted.residuals]
+    slopes = [np.zeros((len(r), len(fitted.free_parameters)), np.float32) for r in fitted.residuals]
     for i, columns in enumerate(slopes_by(residuals, start, fitted, fitted.free_parameters, step)):
         for block, column in zip(slopes, columns, strict=True):
             block[:, i] = column
@@ -243,7 +255,7 @@ def slopes_at(
 
 
 def solve(
-    slopes: Sequence[Array],
+    slopes: Sequence[NDArray[np.floating[Any]]],
     residuals: Sequence[Array],
     scaled_offsets: Array,
     weight: float,
@@ -256,7 +268,7 @@ def solve(
     With `caution` it is shorter, as the damping of Marquardt (1963) makes it; if it is then longer than `longest`, it
     is the best change of that length (Moré, 1978).
     """
-    normal = sum((s.T @ s for s in slopes), np.zeros((len(scaled_offsets), len(scaled_offsets))))
+    normal = sum(map(products, slopes), np.zeros((len(scaled_offsets), len(scaled_offsets))))
     right = sum((s.T @ r for s, r in zip(slopes, residuals, strict=True)), np.zeros(len(scaled_offsets)))
     normal = normal + caution * np.diag(np.diag(normal))
     change = minimiser(normal, right, scaled_offsets, weight)
@@ -462,4 +474,5 @@ def _with_updated_slopes(present: Fit, tried: Fit, missed: Sequence[Array]) -> F
     (Broyden, 1965)."""
     moved = tried.scaled_offsets - present.scaled_offsets
     direction = moved / float(moved @ moved)
-    return replace(tried, slopes=[s + np.outer(m, direction) for s, m in zip(present.slopes, missed, strict=True)])
+    slopes = [(s + np.outer(m, direction)).astype(s.dtype) for s, m in zip(present.slopes, missed, strict=True)]
+    return replace(tried, slopes=slopes)

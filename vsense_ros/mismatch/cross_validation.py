@@ -6,6 +6,7 @@ from collections import Counter
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -77,7 +78,7 @@ def by_stretches(residuals: Residuals, base: Fit) -> Folds:
     """Folds are stretches of the only window."""
     (names,) = residuals.layout
 
-    def cut(rows: Array) -> list[Array]:
+    def cut(rows: NDArray[Any]) -> list[NDArray[Any]]:
         instants = np.arange(len(rows)).reshape(len(names), -1)
         return [rows[part.reshape(-1)] for part in np.array_split(instants, FOLDS.stretches, axis=1)]
 
@@ -110,7 +111,7 @@ def in_pieces(residuals: Residuals) -> Callable[[Fit], Fit]:
     return apart
 
 
-def chosen(parts: Sequence[Array], rows: Sequence[NDArray[np.bool_]]) -> list[Array]:
+def chosen(parts: Sequence[NDArray[Any]], rows: Sequence[NDArray[np.bool_]]) -> list[NDArray[Any]]:
     """Rows of each block."""
     return [part[some] for part, some in zip(parts, rows, strict=True)]
 

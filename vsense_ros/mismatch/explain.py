@@ -404,7 +404,7 @@ def _describing(search: Search, judged: Judged, validation: Validation) -> Hypot
 
 def _without_parameters(base: Fit) -> Fit:
     """The fit with no parameter free any longer."""
-    slopes = [np.zeros((len(rows), 0)) for rows in base.residuals]
+    slopes = [np.zeros((len(rows), 0), np.float32) for rows in base.residuals]
     return replace(base, free_parameters=(), offsets=np.zeros(0), slopes=slopes)
 
 

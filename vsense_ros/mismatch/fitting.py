@@ -119,7 +119,9 @@ class Fitting:
             replace(parameter, deviation=parameter.deviation * factor)
             for parameter, factor in zip(at.free_parameters, times, strict=True)
         )
-        fitted = self.fit(replace(at, free_parameters=free_parameters, slopes=[s * times for s in at.slopes]))
+        fitted = self.fit(
+            replace(at, free_parameters=free_parameters, slopes=[s * np.float32(times) for s in at.slopes])
+        )
         with_narrow_prior = replace(fitted, free_parameters=at.free_parameters, slopes=at.slopes)
         return replace(
             self.hypothesis(hypothesis.candidates, with_narrow_prior, hypothesis.independent_share),

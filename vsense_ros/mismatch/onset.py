@@ -14,7 +14,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from vsense_ros.identification.least_squares import Fit
+from vsense_ros.identification.least_squares import Fit, products
 from vsense_ros.mismatch.candidates import Candidate
 from vsense_ros.mismatch.residuals import Residuals
 from vsense_ros.mismatch.signals import SIGNALS, grid
@@ -91,7 +91,7 @@ class OnsetSearch:
         self._instants = [grid(window) for window in self._windows]
         self._whole = max(at.value, float(sum(len(r) for r in at.residuals)))  # no less than a good model leaves
         k = len(at.free_parameters)
-        normal = sum((s.T @ s for s in at.slopes), np.zeros((k, k)))
+        normal = sum(map(products, at.slopes), np.zeros((k, k)))
         self._inverse = np.linalg.inv(normal + at.weight * np.eye(k))
         self._gradient = sum((s.T @ r for s, r in zip(at.slopes, at.residuals, strict=True)), np.zeros(k))
         self._gradient = self._gradient + at.weight * at.scaled_offsets

@@ -61,7 +61,7 @@ def predict_road(residuals: Residuals, before: Sequence[Array], fitted: Fit) -> 
     sizes = [parameter for parameter in fitted.free_parameters if parameter.name in {size for size, _ in known}]
     unknown = Fit(
         fitted.parameter_set, (), np.zeros(0), residuals(fitted.parameter_set, before),
-        [np.zeros((len(r), 0)) for r in before],
+        [np.zeros((len(r), 0), np.float32) for r in before],
         prior_weight(before),
     )  # fmt: skip
     free_parameters = [

@@ -180,7 +180,7 @@ class Search:
         for candidate in self.screening.besides(()):
             if len(candidate.free_parameters) == 1:
                 (parameter,) = candidate.free_parameters
-                yield candidate, [part * parameter.deviation for part in self.secants.column(parameter)]
+                yield candidate, [np.asarray(s * parameter.deviation, float) for s in self.secants.column(parameter)]
 
     def described(self, besides: Hypothesis | None = None) -> list[Hypothesis]:
         """Terms without known physics that are possible, alone or `besides` an explanation, fitted in full, best

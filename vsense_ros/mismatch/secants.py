@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vsense_ros.identification.free_parameter import FreeParameter, joined
-from vsense_ros.identification.least_squares import SEARCH, Fit, slopes_by
+from vsense_ros.identification.least_squares import SEARCH, Fit, Slopes, slopes_by
 from vsense_ros.identification.normal_equations import NormalEquations
 from vsense_ros.identification.parameter_set import ParameterSet
 from vsense_ros.mismatch.candidates import Candidate
@@ -21,8 +21,6 @@ from vsense_ros.mismatch.cross_validation import places
 from vsense_ros.mismatch.residuals import Residuals
 from vsense_ros.mismatch.search_settings import EFFORT
 from vsense_ros.model.effects.base import SPACING
-
-Array = NDArray[np.float64]
 
 
 class Secants:
@@ -32,12 +30,12 @@ class Secants:
         self, residuals: Residuals, start: ParameterSet, base: Fit, progress: Callable[[], None] = lambda: None
     ) -> None:
         self.residuals, self.start, self.base, self._progress = residuals, start, base, progress
-        self._columns: dict[tuple[str, str], list[Array]] = {  # by name and form
+        self._columns: dict[tuple[str, str], list[Slopes]] = {  # by name and form
             (parameter.name, parameter.form): [part[:, i] / parameter.deviation for part in base.slopes]
             for i, parameter in enumerate(base.free_parameters)
         }
 
-    def slopes_at(self, fitted: Fit, free_parameters: Sequence[FreeParameter]) -> list[Array]:
+    def slopes_at(self, fitted: Fit, free_parameters: Sequence[FreeParameter]) -> list[Slopes]:
         """Slopes (rows, k) by k parameters near another fit, per deviation, by window; simulated anew."""
         columns = slopes_by(self.residuals, self.start, fitted, free_parameters)
         return [np.column_stack(parts) for parts in zip(*columns, strict=True)]
@@ -67,7 +65,7 @@ class Secants:
                 part / point.deviation if part.strides[0] else part for part in slopes
             ]
 
-    def _slopes_of_places(self, at: Fit, points: Sequence[FreeParameter], step: float) -> list[list[Array]]:
+    def _slopes_of_places(self, at: Fit, points: Sequence[FreeParameter], step: float) -> list[list[Slopes]]:
         """Slopes by a size at each of these places, per deviation, by window: of those that are far from one another at
         once, as a car has soon forgotten where it has been. What happens around a place is what the size there does."""
         if not points:
@@ -75,7 +73,7 @@ class Secants:
         groups = [points[first :: EFFORT.places_apart] for first in range(min(EFFORT.places_apart, len(points)))]
         windows, layout = self.residuals.predictor.dataset.windows, self.residuals.layout
         passed = [np.tile(places(window), len(names)) for window, names in zip(windows, layout, strict=True)]
-        slopes: dict[str, list[Array]] = {}
+        slopes: dict[str, list[Slopes]] = {}
         secants = slopes_by(self.residuals, self.start, at, [joined(group) for group in groups], step)
         for group, secant in zip(groups, secants, strict=True):
             for point in group:
@@ -85,7 +83,7 @@ class Secants:
             self._progress()
         return [slopes[point.name] for point in points]
 
-    def all_slopes_at(self, at: Fit) -> list[Array]:
+    def all_slopes_at(self, at: Fit) -> list[Slopes]:
         """Slopes (rows, k) by all k free parameters of a fit, near this fit, per deviation, by window."""
         known = [parameter for parameter in at.free_parameters if parameter.place is None]
         points = [parameter for parameter in at.free_parameters if parameter.place is not None]
@@ -97,7 +95,7 @@ class Secants:
         in_order = (columns[parameter.name] for parameter in at.free_parameters)
         return [np.column_stack(parts) for parts in zip(*in_order, strict=True)]
 
-    def column(self, parameter: FreeParameter) -> list[Array]:
+    def column(self, parameter: FreeParameter) -> list[Slopes]:
         """The secant (rows,) by a free parameter at the base fit, per unit of it, by window."""
         return self._columns[parameter.name, parameter.form]
 
@@ -108,9 +106,10 @@ class Secants:
         present = at.offset_by_name
         across, own, right = [], [], []
         for slopes, residuals, new in zip(at.slopes, at.residuals, self._by_window(free_parameters), strict=True):
-            across.append((slopes.T @ new)[stay])
-            own.append(new.T @ new)
-            right.append(new.T @ residuals)
+            double = new.astype(np.float64)
+            across.append((slopes.T @ double)[stay])
+            own.append(double.T @ double)
+            right.append(double.T @ residuals)
         rest = known.only(stay)
         return replace(
             rest,
@@ -127,15 +126,15 @@ class Secants:
         """A fit with further free parameters, at zero, whose slopes are the secants of the base fit."""
         return at.joined(free_parameters, self._by_window(free_parameters))
 
-    def _by_window(self, free_parameters: Sequence[FreeParameter]) -> Iterator[Array]:
+    def _by_window(self, free_parameters: Sequence[FreeParameter]) -> Iterator[Slopes]:
         """Secants (rows, k) of the base fit by k parameters, per deviation, of one window after the other: those of all
         places of a long road by all of its windows would take gigabytes."""
-        deviations = [parameter.deviation for parameter in free_parameters]
+        deviations = np.array([parameter.deviation for parameter in free_parameters], np.float32)
         for parts in zip(*map(self.column, free_parameters), strict=True):
             yield np.column_stack(parts) * deviations
 
 
-def _where(here: NDArray[np.bool_], part: Array) -> Array:
+def _where(here: NDArray[np.bool_], part: Slopes) -> Slopes:
     """The secant (n,) in one window, zero where the car is not `here`. Where it never is, one zero is stored for all:
     most places of a long road are passed in one window of many."""
-    return np.where(here, part, 0.0) if here.any() else np.broadcast_to(0.0, part.shape)
+    return np.where(here, part, np.float32(0)) if here.any() else np.broadcast_to(np.float32(0), part.shape)
