@@ -37,6 +37,7 @@ from vsense_ros.navigation.car_numbers import car_numbers
 from vsense_ros.observer.catalogue import MakeFilter, error_ekf, spi
 from vsense_ros.observer.estimate import Estimate, stacked
 from vsense_ros.runner import Runner
+from vsense_ros.runner.latency_judge import LatencyJudge
 
 Array = NDArray[np.float64]
 
@@ -151,6 +152,9 @@ def estimate(name: str, truth: Truth, case: Case, read: Readings) -> dict[str, A
     observer = Runner(car_of_study(case.plant, case.errors, name), make=OBSERVERS[name])
     if name == BOUND:  # of all that is measured, by sensors that are right
         observer.vote.axes.clear()  # each reading counts as far as its gate lets it
+        for judge in observer.judges:
+            if isinstance(judge, LatencyJudge):
+                judge.latencies = None  # stamps are right: a doubt about them would be no part of a bound
     estimates: list[Estimate] = []
     last = 0
     for sample in as_recording(read, case.errors).samples(tuple(observer.topics)):
