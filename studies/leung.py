@@ -11,6 +11,7 @@ from __future__ import annotations
 import json
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -19,7 +20,7 @@ from numpy.typing import NDArray
 from rich.console import Console
 from rich.text import Text
 
-from studies import leung_models
+from studies import leung_causes, leung_models, leung_verdict
 from studies.leung_observers import BOUND
 from studies.leung_study import Results, study
 from studies.tasks import Task, pool
@@ -290,11 +291,13 @@ def _figures(
         figures[row] = {}
         for column, printed in zip(table.columns, table.printed[row], strict=True):
             cases = [Case(table.manoeuvres[row], seed, table.errors) for seed in _seeds_of(column, seeds)]
-            values = [_figure(results[case, column.filter], column) for case in cases]
+            scores = [results[case, column.filter] for case in cases]
+            values = [_figure(one, column) for one in scores]
             figures[row][column.title] = {
                 "printed": printed,
                 "ours": float(np.mean(values)),
                 "spread": float(np.std(values, ddof=1)) if len(values) > 1 else None,
+                "range": scores[0][column.quantity]["range"],
             }
     return figures
 
@@ -436,9 +439,27 @@ def _cell(figure: Mapping[str, float | None] | None) -> str:
     return text + (f" ({printed:g})" if printed is not None else "")
 
 
+def show_verdicts(figures: Found, console: Console) -> None:
+    """Print for each table how many of its figures are as near to the thesis's as they should be, and why others are
+    not."""
+    console.print(Text("\nBeside the thesis, in degrees and m/s", "bold"))
+    for name, rows in figures.items():
+        every = list(leung_verdict.judged(rows, partial(_shape, name)))
+        leung_verdict.show(name, every, leung_causes.CAUSES, console)
+
+
+def _shape(name: str, row: str, title: str) -> leung_verdict.Shape | None:
+    """What the figures of a row and a column of a table are, None for those that are no motion."""
+    if name in TABLES:
+        return next(leung_verdict.Shape(c.quantity, c.kind) for c in TABLES[name].columns if c.title == title)
+    if (name == "3.4" and row.startswith("lateral")) or (name == "5.3" and title.startswith("beta")):
+        return leung_verdict.Shape("lateral_velocity" if name == "3.4" else "side_slip", "N")
+    return None
+
+
 def write(figures: Found, results: Results, path: Path) -> None:
-    """Write as JSON: `{table: {row: {column: {printed, ours, spread}}}}`, and side slip of the integrated filter by
-    row."""
+    """Write as JSON: `{table: {row: {column: {printed, ours, spread, range [SI]}}}}`, and side slip of the integrated
+    filter by row."""
     _add({**figures, **side_slips(results)}, path)
 
 

@@ -158,7 +158,11 @@ def table_3_4(store: Path, manoeuvre: str) -> Table:
         for words, key, truth in (("yaw rate", "yaw_rate", YAW_RATE), ("lateral velocity", "lateral", SPEED_Y)):
             line = f"{words} {manoeuvre}"
             error = nrmsd(ours[key], drive.u[:, truth])
-            table[line][name] = {"printed": PRINTED_3_4[line][k], "ours": error}
+            table[line][name] = {
+                "printed": PRINTED_3_4[line][k],
+                "ours": error,
+                "range": float(np.ptp(drive.u[:, truth])),
+            }
     return table
 
 
@@ -284,9 +288,10 @@ def table_5_3(store: Path, row: str) -> Table:
     clean = bicycle_errors(numbers, steering, speed, truth)
     noisy = bicycle_errors(numbers, *noisy_inputs(car, drive, SEEDS), truth)
     ours = [float(one[key].mean()) for key in ("side_slip", "yaw_rate") for one in (clean, noisy)]
+    ranges = [float(np.ptp(truth[key])) for key in ("side_slip", "yaw_rate") for _ in (clean, noisy)]
     line: dict[str, dict[str, float | None]] = {
-        column: {"printed": printed, "ours": value}
-        for column, printed, value in zip(COLUMNS_5_3, PRINTED_5_3[row], ours, strict=True)
+        column: {"printed": printed, "ours": value, "range": extent}
+        for column, printed, value, extent in zip(COLUMNS_5_3, PRINTED_5_3[row], ours, ranges, strict=True)
     }
     bias = STEERING_BIAS / car.physics.steering.ratio
     line["bias over range"] = {"printed": None, "ours": float(100 * bias / np.ptp(steering))}
