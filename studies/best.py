@@ -121,13 +121,19 @@ def curve_bands(of_drive: Information) -> Array:
     """Standard deviation along each force curve of `REACH`, of its peak (4, points): what a drive determines where the
     shape and the curvature of a tyre are not observable separately."""
 
+    return np.apply_along_axis(of_drive.deviation_of, 0, curve_slopes(of_drive.values)[0])
+
+
+def curve_slopes(values: Array) -> tuple[Array, Array]:
+    """Derivatives of each force curve of `REACH` by the free parameters at these values, of its peak
+    (14, 4, points), and the peaks (4, 1) [N]."""
+
     def curves(values: Array) -> Array:
         return best_4dof.curves(PAPER | dict(zip(FREE, values.tolist(), strict=True)))
 
-    steps = np.diag(1e-4 * np.abs(of_drive.values))
-    peak = curves(of_drive.values).max(axis=1)[:, None]
-    slopes = [(curves(of_drive.values + s) - curves(of_drive.values - s)) / (2 * s.sum() * peak) for s in steps]
-    return np.apply_along_axis(of_drive.deviation_of, 0, np.array(slopes))
+    steps = np.diag(1e-4 * np.abs(values))
+    peak = curves(values).max(axis=1)[:, None]
+    return np.array([(curves(values + s) - curves(values - s)) / (2 * s.sum() * peak) for s in steps]), peak
 
 
 def wrong_start(seed: int, names: tuple[str, ...] = FREE, by: float = WRONG) -> dict[str, float]:

@@ -140,11 +140,11 @@ def content(made: Study) -> dict[str, Any]:
     }  # fmt: skip
 
 
-def write(made: Study, path: Path) -> None:
-    """Write the study as JSON."""
+def write(content: Mapping[str, Any], path: Path) -> None:
+    """Write results as JSON."""
     path.parent.mkdir(parents=True, exist_ok=True)
     with atomic_write(path) as file:
-        file.write(json.dumps(content(made), indent=2) + "\n")
+        file.write(json.dumps(content, indent=2) + "\n")
 
 
 def show(study: Study, out: Console) -> None:

@@ -43,11 +43,11 @@ class Twin:
         """Outputs without noise, (N, 3)."""
         return _outputs(self.states, self.inputs)
 
-    def recorded(self, seed: int, name: str = "twin", cut_off: float = CUT_OFF) -> Drive:
-        """What the sensors say, low-passed at a cut-off [Hz]."""
+    def recorded(self, seed: int, name: str = "twin", cut_off: float = CUT_OFF, noise: float = 1.0) -> Drive:
+        """What the sensors say, low-passed at a cut-off [Hz]; `noise` is a factor on their noise."""
         random = np.random.default_rng(seed)
-        inputs = self.inputs + random.standard_normal(self.inputs.shape) * INPUT_NOISE
-        outputs = self.clean + random.standard_normal(self.clean.shape) * OUTPUT_NOISE
+        inputs = self.inputs + noise * random.standard_normal(self.inputs.shape) * INPUT_NOISE
+        outputs = self.clean + noise * random.standard_normal(self.clean.shape) * OUTPUT_NOISE
         inputs, outputs = low_passed(inputs, STEP, cut_off), low_passed(outputs, STEP, cut_off)
         every = independent(STEP, cut_off)
         return Drive(name, STEP, inputs, outputs, self.states[0].copy(), every=every)
