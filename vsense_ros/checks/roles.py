@@ -25,6 +25,7 @@ class Role(StrEnum):
     BRAKES = "brake_pressure"
     SUSPENSION = "suspension"
     REAR_STEERING = "rear_steering"
+    ARTICULATION = "articulation"
 
 
 Topics = Mapping[Role, str]

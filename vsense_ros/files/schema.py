@@ -127,6 +127,8 @@ def unit_of(field: FieldInfo) -> str:
 
 def _row(key: str, field: FieldInfo) -> ParameterRow:
     default = "required" if field.is_required() else _value(field.get_default(call_default_factory=True))
+    if isinstance(field.json_schema_extra, dict):  # of one that follows from others
+        default = str(field.json_schema_extra.get("rule", default))
     return ParameterRow(key, unit_of(field), allowed(field), default, field.description or "")
 
 

@@ -24,6 +24,7 @@ from vsense_ros.manoeuvre import (
     step_steer,
     stop_and_go,
     throttle_and_steer,
+    trailer_sway,
 )
 from vsense_ros.manoeuvre.base import Manoeuvre
 from vsense_ros.manoeuvre.sensing import record
@@ -43,7 +44,11 @@ TESTS = (
     *STANDARD,
     *(m.MANOEUVRE for m in (accelerate_and_brake, coast_down, slow_ramp_steer, steering_sweep)),
 )
-_OTHERS = (stop_and_go.MANOEUVRE, rear_step_steer.MANOEUVRE, *throttle_and_steer.MANOEUVRES, *leung_tracks.MANOEUVRES)
+_OTHERS = (
+    *(module.MANOEUVRE for module in (stop_and_go, rear_step_steer, trailer_sway)),
+    *throttle_and_steer.MANOEUVRES,
+    *leung_tracks.MANOEUVRES,
+)
 MANOEUVRES = {m.name: m for m in (*TESTS, *ON_ROADS, *_OTHERS)}
 STEP = 1e-3  # [s] of the simulation
 _OVERTURNED = 1.0  # [rad] of roll, from which no car comes back

@@ -30,10 +30,12 @@ from vsense_ros.model.coordinates import (
     VELOCITY,
     WHEEL_FORCES,
     WHEELS,
+    YAW_RATE,
 )
 from vsense_ros.model.sensors import SensorBase
 from vsense_ros.model.sensors.simulated import Content, Sampling, SimulatedDrive, quantized
 from vsense_ros.model.simulation.closed_loop import Array, Trajectory
+from vsense_ros.model.trailer import Trailer
 from vsense_ros.model.vehicle import Vehicle
 
 
@@ -67,7 +69,8 @@ def record(
     """
     rng = np.random.RandomState(seed)
     channels = []
-    for sensor in vehicle.sensing().values():
+    of_trailer = {name: sensor for name, sensor in vehicle.sensors.items() if sensor.of_trailer}
+    for sensor in (vehicle.sensing() | of_trailer).values():
         usual = sensor.simulated_sampling
         if usual is not None:
             sampling = _sampling(usual, every)
@@ -83,6 +86,8 @@ def record(
             drive = SimulatedDrive(truth, place, SENSING.origin, rng, float(biased), steps, climb, limit)
             channels.append(_channel(sensor, rows, sampling, sensor.simulated(drive)))
     channels += _reference(trajectory)
+    if vehicle.physics.trailer is not None:
+        channels.append(_articulation(trajectory, vehicle))
     latitude, longitude, height = SENSING.origin
     return Recording(
         {c.topic: c for c in channels},
@@ -107,12 +112,30 @@ def _truth(trajectory: Trajectory, vehicle: Vehicle, sensor: SensorBase, rows: n
     """What a perfect sensor would give at some instants of a trajectory, (rows, m)."""
     if sensor.inputs is not None:
         return trajectory.inputs[rows, sensor.inputs]
+    if sensor.of_trailer:
+        return _of_trailer(trajectory, vehicle, rows)[:, :1]
     function = sensor_functions(car_of(vehicle), (sensor,))[sensor.kind].map(len(rows))
     around = _around(trajectory)[rows].T
     biases, mounting = np.zeros((len(sensor.biases()), 1)), np.asarray(sensor.mounting(), dtype=float)[:, None]
     motion = (values[rows].T for values in (trajectory.q, trajectory.u, trajectory.udot))
     result = function(*motion, around, trajectory.inputs[rows].T, biases, mounting)[0]
     return np.array(result).reshape(-1, len(rows), order="F").T
+
+
+def _of_trailer(trajectory: Trajectory, vehicle: Vehicle, rows: np.ndarray) -> Array:
+    """Articulation angle [rad] and its rate [rad/s] at some instants, (rows, 2)."""
+    assert trajectory.internal_state is not None
+    state = trajectory.internal_state[rows, car_of(vehicle).internal_state_slices[Trailer.id]]
+    return np.column_stack([state[:, 0], state[:, 1] - trajectory.u[rows, YAW_RATE]])
+
+
+def _articulation(trajectory: Trajectory, vehicle: Vehicle) -> Channel:
+    """The truth of a trailer."""
+    rows = np.arange(0, len(trajectory.t), SENSING.reference_period_ms)
+    stamp = SENSING.epoch + rows.astype(np.int64) * 1_000_000
+    angle, rate = quantized(_of_trailer(trajectory, vehicle, rows), 2**-16).T
+    columns = {"position": angle[:, None], "velocity": rate[:, None], "effort": np.zeros((len(rows), 0))}
+    return Channel("reference/articulation", "sensor_msgs/msg/JointState", stamp, stamp, columns, "", ("hitch",))
 
 
 def _climb(trajectory: Trajectory, rows: np.ndarray, point: Array) -> Array:

@@ -37,6 +37,7 @@ INPUTS: Mapping[str, Topic] = MappingProxyType(
         "vehicle/brake_pressure": Topic("sensor_msgs/msg/JointState", names=_wheels("wheel")),
         "vehicle/suspension": Topic("sensor_msgs/msg/JointState", names=_wheels("suspension")),
         "vehicle/rear_steering": Topic("sensor_msgs/msg/JointState", names=("road_wheel_rear",)),
+        "vehicle/articulation": Topic("sensor_msgs/msg/JointState", names=("hitch",)),
     }
 )
 
@@ -45,6 +46,7 @@ REFERENCES: Mapping[str, Topic] = MappingProxyType(
         "reference/odometry": Topic("nav_msgs/msg/Odometry", "map", "cog"),
         **{f"reference/wheel_force/{w}": Topic("geometry_msgs/msg/WrenchStamped", f"contact_{w}") for w in WHEELS},
         "reference/acceleration": Topic("geometry_msgs/msg/AccelStamped", "cog"),
+        "reference/articulation": Topic("sensor_msgs/msg/JointState", names=("hitch",)),
     }
 )
 

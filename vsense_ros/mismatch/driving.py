@@ -48,6 +48,8 @@ class Drives:
             raise InputError(
                 f"{vehicle.name}: cars that steer their rear wheels (physics.steering.rear) are not explained"
             )
+        if vehicle.physics.trailer is not None:
+            raise InputError(f"{vehicle.name}: cars that tow a trailer (physics.trailer) are not explained")
         self.vehicle, self.dataset, self.names = vehicle, dataset, names
         self.radius = float(np.mean(rolling_radii(vehicle)))
 

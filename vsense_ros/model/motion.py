@@ -38,6 +38,7 @@ class Motion:
     over_road: ca.SX = field(default_factory=lambda: ca.SX.eye(3))  # body to road axes, 3×3
     road: ca.SX = field(default_factory=lambda: ca.SX.eye(3))  # road axes to level ones with the same heading, 3×3
     steering: ca.SX = field(default_factory=_ANGLE)  # road-wheel angle as it is measured, positive to the left [rad]
+    articulation: ca.SX = field(default_factory=_ANGLE)  # from the car's heading to its trailer's [rad]
     torques: ca.SX = field(default_factory=_OF_EACH_WHEEL)  # (4,) drive minus brake torque of each wheel [N m]
 
     @property

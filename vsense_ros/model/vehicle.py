@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from pydantic import AfterValidator, BaseModel, Field, ValidationError, model_validator
 from pydantic.fields import FieldInfo
 
-from vsense_ros.model.effects import Effects
+from vsense_ros.model.effects import Effect, Effects
 from vsense_ros.model.parameter import Part, Triple, numbers, parameter, vector, with_values
 from vsense_ros.model.schema.drivetrain import Drivetrain
 from vsense_ros.model.schema.linkage import Linkages
@@ -22,14 +22,20 @@ from vsense_ros.model.schema.physics import NominalPhysics
 from vsense_ros.model.schema.suspension_tables import SuspensionTables
 from vsense_ros.model.schema.uncertainty import Uncertainty
 from vsense_ros.model.sensors import SensorBase, any_sensor
+from vsense_ros.model.trailer import Trailer
 
 SWINGING_SHARE = 0.3  # of the car's mass at most: beyond, what is left is no rigid body with a pendulum on it
 
 
 class Physics(NominalPhysics):
-    """All parameters of the equations of motion: those of the nominal car, and its effects."""
+    """All parameters of the equations of motion: those of the nominal car, its trailer and its effects."""
 
+    trailer: Trailer | None = Field(description="a trailer that the car tows", default=None)
     effects: Effects = Field(description="physical effects by id", default_factory=Effects)
+
+    def acting(self) -> tuple[Effect, ...]:
+        """What acts on the nominal car: the effects that the file lists, and a trailer."""
+        return (*self.effects.present(), *(() if self.trailer is None else (self.trailer,)))
 
 
 def _without_dots(name: str) -> str:
@@ -99,6 +105,15 @@ class Vehicle(Part):
         return self
 
     @model_validator(mode="after")
+    def _what_is_measured_of_a_trailer_is_towed(self) -> Vehicle:
+        if self.physics.trailer is None and any(sensor.of_trailer for sensor in self.sensors.values()):
+            raise ValueError(
+                "a sensor measures the articulation of a trailer, but there is no physics.trailer: give it, of which "
+                "mass is enough"
+            )
+        return self
+
+    @model_validator(mode="after")
     def _estimated_parameters_exist_and_start_within_their_bounds(self) -> Vehicle:
         values = self.values()
         for name, settings in self.observer.parameters.items():
@@ -147,8 +162,9 @@ class Vehicle(Part):
         return self
 
     def sensing(self) -> dict[str, SensorBase]:
-        """The sensors with what they take over from the car, and with what its effects do to them."""
-        sensors = self.sensors_of_car()
+        """The sensors of the car without a trailer's, with what they take over from the car, and with what its effects
+        do to them."""
+        sensors = {name: one for name, one in self.sensors_of_car().items() if not one.of_trailer}
         for effect in self.physics.effects.present():
             sensors = effect.sensors(sensors)
         return sensors

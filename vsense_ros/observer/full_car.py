@@ -56,8 +56,8 @@ class FullCarBlocks(CarBlocks):
                 f"{vehicle.name}: the full car is made of the section linkage of the vehicle file, which is missing; "
                 "prototype_real has one to look at"
             )
-        if vehicle.physics.effects.present():
-            raise InputError(f"{vehicle.name}: the full car has no physics.effects; leave them out")
+        if vehicle.physics.acting():
+            raise InputError(f"{vehicle.name}: the full car has no physics.effects and no trailer; leave them out")
         sensors = with_common_radius_error(sensors, vehicle.observer.surroundings)
         vehicle = without_common_radius_error(vehicle)
         self.plant = FullCarPlant(vehicle, LONGEST_STEP, tolerance=tolerance, outside=outside)

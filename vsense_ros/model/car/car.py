@@ -87,7 +87,7 @@ class Car:
         self.inputs: ca.SX = ca.SX.sym("inputs", len(INPUTS))
         self._root_velocity = ca.vertcat(self.u[RATES], self.u[VELOCITY])  # spatial velocity of the chassis [ω; v]
         self._joint_rates = _by_corner(self.u[TRAVEL], self.u[SPIN])
-        self._effects = PresentEffects(self.parameters.effects.present())
+        self._effects = PresentEffects(self.parameters.acting())
         self.internal_state = self._effects.internal_state
         self.internal_state_slices = self._effects.slices
 

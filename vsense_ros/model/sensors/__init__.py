@@ -18,6 +18,7 @@ from typing import Annotated, Any
 from pydantic import Field
 
 from vsense_ros.messages.topics import TOPICS, Topic
+from vsense_ros.model.sensors.articulation import Articulation
 from vsense_ros.model.sensors.base import (
     Bias,
     ComparedSignal,
@@ -110,6 +111,7 @@ def place_of(sensors: Iterable[SensorBase], quantity: MeasuredQuantity) -> int:
 
 __all__ = [
     "KINDS",
+    "Articulation",
     "Bias",
     "BodyVelocity",
     "ComparedSignal",

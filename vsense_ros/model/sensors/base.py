@@ -40,7 +40,8 @@ NoiseFromMessage = Annotated[
 # - course: velocity to the east and to the north [m/s], hence the direction of travel;
 # - heading: direction of the car on the map; position: east and north [m];
 # - steering: road-wheel angle [rad], rear steering: that of the rear wheels;
-# - torques: of the wheels fl, fr, rl, rr [N m].
+# - torques: of the wheels fl, fr, rl, rr [N m];
+# - articulation: angle from the car's heading to that of its trailer [rad].
 MeasuredQuantity = Literal[
     "rates and forces",
     "rolling speed",
@@ -52,6 +53,7 @@ MeasuredQuantity = Literal[
     "steering",
     "rear steering",
     "torques",
+    "articulation",
 ]
 _OF_THE_MAP: frozenset[MeasuredQuantity] = frozenset({"course", "heading", "position"})
 
@@ -176,6 +178,7 @@ class SensorBase(Part):
     # What it is to a filter.
     uses_acceleration: ClassVar[bool] = False  # True: the equation refers to the accelerations
     inputs: ClassVar[slice | None] = None  # of the model, which its values drive instead of correcting it
+    of_trailer: ClassVar[bool] = False  # True: it measures what filters of the car alone do not know
     awaited: ClassVar[float] = 0.0  # [s] for which a filter that could start waits for the first message
     # How its errors look.
     noise_fields: ClassVar[Names] = ("noise",)  # that state its standard deviations; without them it has none

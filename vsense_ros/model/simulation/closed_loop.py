@@ -62,6 +62,7 @@ class Trajectory:
     wheels: Array  # (n, 7, 4) as Car.wheel_outputs
     inputs: Array  # (n, 6) as model.coordinates.INPUTS, those of the step that begins here
     disturbances: Array | None = None  # (n, 7) as model.coordinates.DISTURBANCES; zeros if not given
+    internal_state: Array | None = None  # (n, k) as Car.internal_state, in the step that begins here
 
     @classmethod
     def unfilled(cls, t: Array) -> Trajectory:
@@ -159,6 +160,7 @@ def simulate(
     result = replace(
         Trajectory.unfilled(np.array([i * step for i in recorded_steps])),
         disturbances=np.empty((len(recorded_steps), len(DISTURBANCES))),
+        internal_state=np.empty((len(recorded_steps), internal_state.size)),
     )
     row, set_out = 0, float(now_q[YAW])
     for i in range(steps + 1):
@@ -181,6 +183,7 @@ def simulate(
             result.q[row], result.u[row], result.udot[row] = now_q, now_u, udot.ravel()
             result.wheels[row], result.inputs[row] = outputs.results[1], inputs
             result.disturbances[row] = around  # type: ignore[index]
+            result.internal_state[row] = internal_state  # type: ignore[index]
             row += 1
         slope = by_u + (GAMMA * step) * by_q_rates
         inverse[:] = np.linalg.inv(unit - (GAMMA * step) * slope).reshape(-1, order="F")

@@ -80,6 +80,8 @@ class FullCarPlant:
     ) -> None:
         if vehicle.physics.steering.rear:
             raise InputError(f"{vehicle.name}: the full car has no rear steering; set physics.steering.rear to false")
+        if vehicle.physics.trailer is not None:
+            raise InputError(f"{vehicle.name}: the full car tows no trailer; leave physics.trailer out")
         self.car = car or FullCar(vehicle)
         self.step_length = step
         self.rack = rack or steering_rack(vehicle)
