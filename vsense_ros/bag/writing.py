@@ -3,17 +3,16 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Mapping
+from itertools import repeat
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from types import TracebackType
-
-import numpy as np
 
 from vsense_ros.bag.mcap_writer import COMPRESSORS, McapWriter
 from vsense_ros.bag.metadata import FILE_NAME, TopicDescription, metadata_text
 from vsense_ros.errors import InputError
 from vsense_ros.messages import cdr
-from vsense_ros.messages.recording import Channel, Recording, Sample
+from vsense_ros.messages.recording import Channel, Recording, Sample, as_numbers, by_arrival
 
 _ENCODED_AT_ONCE = 8192  # messages
 
@@ -175,14 +174,10 @@ def _write(writer: BagWriter, recording: Recording) -> None:
     channels = [channel.in_order() for channel in recording.channels.values() if len(channel)]
     if not channels:
         return
-    received = np.concatenate([channel.received for channel in channels])
-    source = np.repeat(np.arange(len(channels)), [len(channel) for channel in channels])
-    order = np.argsort(received, kind="stable")
-    streams = [(channel.topic, channel.kind, _encoded(channel).__next__) for channel in channels]
+    streams = [zip(repeat(c), as_numbers(c.received), _encoded(c), strict=False) for c in channels]
     try:
-        for number, time in zip(source[order].tolist(), received[order].tolist(), strict=True):
-            topic, kind, following = streams[number]
-            writer.write_raw(topic, kind, time, following())
+        for channel, time, data in by_arrival([channel.received for channel in channels], streams):
+            writer.write_raw(channel.topic, channel.kind, time, data)
     except BaseException:
         writer.abandon()
         raise

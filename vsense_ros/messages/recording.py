@@ -10,6 +10,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from hashlib import sha256
+from itertools import chain
 from types import MappingProxyType
 from typing import TYPE_CHECKING, TypeVar
 
@@ -306,11 +307,22 @@ class Recording:
         return by_arrival([c.received for c in chosen], [iter(c) for c in chosen])
 
 
-def by_arrival(received: Sequence[NDArray[np.int64]], streams: Sequence[Iterator[T]]) -> Iterator[T]:
+def by_arrival(
+    received: Sequence[NDArray[np.int64]], streams: Sequence[Iterator[T]], at_once: int = 1 << 16
+) -> Iterator[T]:
     """What streams give, in order of arrival, ties in the order of the streams; `received` are ascending times of
-    arrival [ns], as many as each stream gives."""
-    if not streams:
-        return
-    source = np.repeat(np.arange(len(streams)), [len(times) for times in received])
-    for index in source[np.argsort(np.concatenate(received), kind="stable")].tolist():
-        yield next(streams[index])
+    arrival [ns], as many as each stream gives. Of a stream about so many are put in order `at_once`."""
+    begun = [0] * len(received)
+    while left := [i for i, times in enumerate(received) if begun[i] < len(times)]:
+        until = min(received[i][min(begun[i] + at_once, len(received[i])) - 1] for i in left)
+        ends = [int(np.searchsorted(times, until, side="right")) for times in received]
+        parts = [times[begin:end] for times, begin, end in zip(received, begun, ends, strict=True)]
+        source = np.repeat(np.arange(len(streams)), [len(part) for part in parts])
+        for index in source[np.argsort(np.concatenate(parts), kind="stable")].tolist():
+            yield next(streams[index])
+        begun = ends
+
+
+def as_numbers(times: NDArray[np.int64], at_once: int = 1 << 12) -> Iterator[int]:
+    """Times as numbers of Python, some at once: all of a drive of hours would take a gigabyte."""
+    return chain.from_iterable(times[i : i + at_once].tolist() for i in range(0, len(times), at_once))

@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
+from itertools import repeat
 
 from vsense_ros.estimation.timeline import Event
-from vsense_ros.messages.recording import Channel, Recording, by_arrival
+from vsense_ros.messages.recording import Channel, Recording, as_numbers, by_arrival
 from vsense_ros.runner.runner import Runner
 
 
@@ -17,15 +18,15 @@ def play(runner: Runner, recording: Recording, topics: Sequence[str]) -> Iterato
     """
     channels = [channel.in_order() for topic, channel in recording.channels.items() if topic in topics]
     streams = [_read_ahead(runner, channel) for channel in channels]
-    for stamp, received, readings in by_arrival([channel.received for channel in channels], streams):
-        for index, reading in readings:
-            runner.take(index, stamp, runner.intake.examine(index, stamp, received, reading))
+    examine, take = runner.intake.examine, runner.take
+    for stamp, received, places, readings in by_arrival([channel.received for channel in channels], streams):
+        for index, reading in zip(places, readings, strict=True):
+            take(index, stamp, examine(index, stamp, received, reading))
         yield
 
 
-def _read_ahead(runner: Runner, channel: Channel) -> Iterator[tuple[int, int, list[tuple[int, Event | str]]]]:
-    """Stamp and time of arrival [ns] of each message, and what each sensor that listens reads in it, with its place."""
+def _read_ahead(runner: Runner, channel: Channel) -> Iterator[tuple[int, int, list[int], tuple[Event | str, ...]]]:
+    """Stamp and time of arrival [ns] of each message, the sensors that listen, and what each of them reads in it."""
     places = runner.listeners[channel.topic]
     read = zip(*(runner.intake.read_channel(index, channel) for index in places), strict=True)
-    for stamp, received, readings in zip(channel.stamp.tolist(), channel.received.tolist(), read, strict=True):
-        yield stamp, received, list(zip(places, readings, strict=True))
+    return zip(as_numbers(channel.stamp), as_numbers(channel.received), repeat(places), read, strict=False)

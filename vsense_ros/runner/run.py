@@ -3,14 +3,17 @@
 from __future__ import annotations
 
 import time
+from array import array
+from collections import deque
 from collections.abc import Callable, Iterable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 
 from vsense_ros.errors import InputError
 from vsense_ros.messages.diagnostic import Diagnostic, Level
+from vsense_ros.messages.growing import Growing
 from vsense_ros.messages.recording import Channel, Recording, Sample
 from vsense_ros.model.vehicle import Vehicle
 from vsense_ros.observer.estimate import BALANCE
@@ -27,7 +30,7 @@ class Run:
     """What a filter made of a recording."""
 
     output: Recording
-    step_us_median: float  # computing time of one message that moved the filter [µs]
+    step_us_median: float  # computing time of one message [µs], of the newest 100,000
     realtime_factor: float  # length of the recording over computing time
     messages_lost: int
     diagnostics: list[Diagnostic]
@@ -55,7 +58,7 @@ def run(
     total = sum(len(recording[t]) for t in present)
     interval = int(0.999e9 / rate)
     collected = Collected(runner.adapter)
-    times: list[float] = []
+    times: deque[float] = deque(maxlen=100_000)
     last = 0
     before = began = time.perf_counter()
     for i, _ in enumerate(play(runner, recording, present)):
@@ -123,8 +126,9 @@ class Collected:
     def __init__(self, adapter: Adapter) -> None:
         self._adapter = adapter
         self._block: list[Any] = []
-        self._parts: list[list[Sample]] = []
-        self._stamps: list[int] = []
+        self._first: list[Sample] = []  # the outputs, without values
+        self._columns: list[dict[str, Growing]] = []  # of each
+        self._stamps = array("q")
 
     def add(self, snapshot: Any) -> None:
         """Take the newest state."""
@@ -149,9 +153,8 @@ class Collected:
             self._end_block()
         stamps = np.array(self._stamps, dtype=np.int64)
         channels = {}
-        for parts in zip(*self._parts, strict=True):
-            s = parts[0]
-            values = {field: np.concatenate([part.values[field] for part in parts]) for field in s.values}
+        for s, columns in zip(self._first, self._columns, strict=True):
+            values = {field: column.column() for field, column in columns.items()}
             channels[s.topic] = Channel(s.topic, s.kind, stamps, stamps, values, s.frame_id, s.names, s.child_frame_id)
         if BALANCE in channels:
             balance = channels[BALANCE]
@@ -164,7 +167,13 @@ class Collected:
         return Recording(channels, name=recording.name, metadata=dict(recording.metadata))
 
     def _end_block(self) -> None:
-        self._parts.append(self._adapter.columns(self._block))
+        samples = self._adapter.columns(self._block)
+        if not self._first:
+            self._first = [replace(sample, values={}) for sample in samples]
+            self._columns = [{field: Growing() for field in sample.values} for sample in samples]
+        for sample, columns in zip(samples, self._columns, strict=True):
+            for field, column in columns.items():
+                column.add(sample.values[field])
         self._block = []
 
 
