@@ -1,4 +1,4 @@
-"""Columns that grow: the same numbers, in memory or on the disk; and an order of arrival that is made piece by piece."""
+"""Columns that grow hold the same numbers, in memory or on the disk; an order of arrival may be made piece by piece."""
 
 import numpy as np
 

@@ -235,21 +235,24 @@ def _rows_of(layout: Layout, payloads: Payloads) -> NDArray[np.void]:
     return np.frombuffer(b"".join(payloads), layout.dtype_of(length))
 
 
+def _by_length(payloads: Payloads) -> list[NDArray[np.intp]]:
+    """The row numbers of messages of each length."""
+    if isinstance(payloads, np.ndarray):
+        return [np.arange(len(payloads))]
+    lengths = np.fromiter(map(len, payloads), np.intp, len(payloads))
+    return [np.flatnonzero(lengths == length) for length in dict.fromkeys(lengths.tolist())]
+
+
 def _grouped(kind: str, topic: str, payloads: Payloads) -> tuple[list[tuple[Layout, NDArray[np.intp]]], int, str]:
     """Messages by byte layout and length, with their row numbers; the number of unusable ones, and why the first is."""
     groups: list[tuple[Layout, NDArray[np.intp]]] = []
     bad, first_error = 0, ""
-    if isinstance(payloads, np.ndarray):
-        lengths = np.full(len(payloads), payloads.shape[1], np.intp)
-    else:
-        lengths = np.fromiter(map(len, payloads), np.intp, len(payloads))
-    for length in dict.fromkeys(lengths.tolist()):
-        rows = np.flatnonzero(lengths == length)
+    for rows in _by_length(payloads):
         chosen = _chosen(payloads, rows)
         table = (
             chosen
             if isinstance(chosen, np.ndarray)
-            else np.frombuffer(b"".join(chosen), np.uint8).reshape(len(rows), length)
+            else np.frombuffer(b"".join(chosen), np.uint8).reshape(len(rows), -1)
         )
         open_ = np.ones(len(rows), bool)
         while open_.any():
