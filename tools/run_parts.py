@@ -112,10 +112,10 @@ def section(source: str, recording: Recording, car: Vehicle) -> str:
     ])  # fmt: skip
 
 
-def into(page: str, text: str) -> str:
+def into(page: str, text: str, title: str = TITLE) -> str:
     """The page with this section before the one that followed an earlier one, or else before the last."""
-    if TITLE in page:
-        before, _, rest = page.partition(TITLE)
+    if title in page:
+        before, _, rest = page.partition(title)
         after = rest[rest.index("\n## ") :] if "\n## " in rest else ""
     else:
         at = page.rindex("\n## ")

@@ -2,9 +2,9 @@
 
 Steps of observers are timed as `tools/bench_parts.py` times them. What a command needs for a recording is measured in a
 process of its own for each length: a generated double lane change, over and over, whose positions go on with the car.
-The page and its picture are written anew, with the parts of a run by `tools/run_parts.py` and the
-plan of `tools/fleet_plan.py` at its end. `--longest` says up to how many seconds of a recording are estimated and
-explained.
+The page and its picture are written anew, with the growth of `explain` by `tools/explain_growth.py`, the parts of a run
+by `tools/run_parts.py` and the plan of `tools/fleet_plan.py` at its end. `--longest` says up to how many seconds of a
+recording are estimated and explained.
 """
 
 from __future__ import annotations
@@ -19,6 +19,7 @@ from collections.abc import Callable
 from dataclasses import dataclass, replace
 from pathlib import Path
 
+import explain_growth
 import fleet_plan
 import numpy as np
 import run_parts
@@ -223,6 +224,7 @@ def main() -> None:
     picture(costs, image)
     text = page(steps(), costs, image.name, arguments.longest)
     text = fleet_plan.with_section(text, fleet_plan.section(text, fleet_plan.Night()))
+    text = run_parts.into(text, explain_growth.section(explain_growth.measured()), explain_growth.TITLE)
     source = f"{BAG.relative_to(ROOT)} {VEHICLE}"
     text = run_parts.into(text, run_parts.section(source, vs.read(BAG), vs.load_vehicle(VEHICLE)))
     arguments.page.write_text(text, encoding="utf-8")
