@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from studies import fmu_tools
 from studies.accelerated_covariance import compare
 from studies.implementation import (
     Implementation,
@@ -133,11 +134,12 @@ def under_faults(count: int, progress: Callable[[float], None], share: float = 0
     return outcomes
 
 
-def units(vehicle: Vehicle, progress: Callable[[float], None]) -> dict[str, dict[str, Any]]:
+def units(vehicle: Vehicle, progress: Callable[[float], None]) -> dict[str, Any]:
     """The observer of a vehicle as units of FMI 2 and 3 on a lane change: whether FMPy validates them without a remark,
-    and whether they have the bits of the exported C."""
+    and whether they have the bits of the exported C. Whether two cars in one process are right (`global_symbols`), and
+    which `tools` drive a plant to the same place."""
     recording = generate("double_lane_change", vehicle)
-    checked = {}
+    checked: dict[str, Any] = {}
     for i, version in enumerate((2, 3)):
         with TemporaryDirectory() as folder:
             path = Path(folder) / "observer.fmu"
@@ -147,7 +149,14 @@ def units(vehicle: Vehicle, progress: Callable[[float], None]) -> dict[str, dict
             "valid": not agreement.remarks, "bitwise": agreement.bitwise, "steps": agreement.steps,
             "from_python": agreement.python,
         }  # fmt: skip
-        progress((i + 1) / 2)
+        progress((i + 1) / 4)
+    with TemporaryDirectory() as folder:
+        plant = Path(folder) / "plant.fmu"
+        fmu.write(vehicle, plant, 2, plant=True)
+        driven = fmu_tools.tools(plant)
+    progress(3 / 4)
+    checked |= {"global_symbols": fmu_tools.two_cars_in_one_process(vehicle), "tools": driven}
+    progress(1.0)
     return checked
 
 

@@ -28,8 +28,12 @@ def show(content: Mapping[str, Any], rows: Sequence[Implementation], short: bool
         say(f"{name}: {mhz:g} MHz on ECP5, speed grade 6, as last placed and routed.")
     for build, counted in content["arm"].items():
         figures = f"{counted['instructions_per_step']:,.0f} instructions a step, {counted['code_bytes'] / 1024:.0f} kB"
-        say(f"Cortex-A9, {build}: {figures} of code, about {counted['ms_estimate']:.2f} ms.")
+        time = f", about {counted['ms_estimate']:.2f} ms on a Cortex-A9" if "ms_estimate" in counted else ""
+        say(f"{build}: {figures} of code{time}.")
     for unit, checked in content["fmu"].items():
+        if not unit.startswith("fmi"):
+            say(f"{unit}: {checked}")
+            continue
         words = "valid" if checked["valid"] else "not valid"
         bits = "the bits" if checked["bitwise"] else "not the bits"
         say(f"{unit}: {words}, {bits} of the exported C in {checked['steps']} steps.")

@@ -63,8 +63,9 @@ def digest_of(folder: Path) -> str:
 def unsafe(path: Path) -> str:
     """Say in a few words why code must not be run from a file or folder: another user could have put it there.
 
-    Empty where only this user and root can change it, and each folder above it. Folders that all may write to, as /tmp,
-    are safe if their sticky bit keeps users from each other's files. Systems without users are taken to be safe.
+    Empty where only this user and root can change it, and each folder above it, also by a group that others are in.
+    Folders that all may write to, as /tmp, are safe if their sticky bit keeps users from each other's files. Systems
+    without users are taken to be safe.
     """
     if not hasattr(os, "getuid"):
         return ""
@@ -75,10 +76,24 @@ def unsafe(path: Path) -> str:
             return f"{place} is a link"
         if status.st_uid not in trusted:
             return f"{place} belongs to somebody else"
-        others = stat.S_IWOTH | (stat.S_IWGRP if place == path else 0)
+        others = stat.S_IWOTH | (stat.S_IWGRP if place == path or _has_others(status.st_gid) else 0)
         if status.st_mode & others and (place == path or not status.st_mode & stat.S_ISVTX):
             return f"{place} can be changed by others"
     return ""
+
+
+@cache
+def _has_others(group: int) -> bool:
+    """True if a group has members other than this user and root, or is not known."""
+    import grp
+    import pwd
+
+    try:
+        listed = {pwd.getpwnam(name).pw_uid for name in grp.getgrgid(group).gr_mem}
+    except KeyError:
+        return True
+    members = listed | {user.pw_uid for user in pwd.getpwall() if user.pw_gid == group}
+    return bool(members - {os.getuid(), 0})
 
 
 def _usable(library: Path) -> bool:

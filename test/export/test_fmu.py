@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import dataclasses
-import json
 import shutil
 import subprocess
 import sys
@@ -18,6 +17,7 @@ from fmpy.fmi1 import FMICallException
 from fmpy.validation import validate_fmu
 
 from marks import exam_except
+from studies import fmu_tools
 from vsense_ros import codegen
 from vsense_ros.bag import read_bag
 from vsense_ros.errors import InputError
@@ -340,36 +340,11 @@ def test_libcosim_drives_the_plant_as_fmpy_does(vehicle: Vehicle, tmp_path: Path
     pytest.importorskip("libcosimpy", reason="libcosimpy is not installed here (requirements/hw.txt)")
     path = tmp_path / "plant.fmu"
     fmu.write(vehicle, path, 2, plant=True, optimised=QUICK)
-    given = {"steering.steering": 0.05, "torque.torque_rl": 100.0, "torque.torque_rr": 100.0}
-    asked = ["state.velocity_x", "state.velocity_y", "state.rate_z", "wheel_force_y.fl"]
-    program = [sys.executable, "-c", _BY_LIBCOSIM, str(path), json.dumps(given), *asked]
-    done = subprocess.run(program, capture_output=True, text=True, timeout=120)
-    assert done.returncode == 0, done.stderr
-    (said,) = (line for line in done.stdout.splitlines() if line.startswith("found "))
-    theirs = [float(word) for word in said.split()[1:]]
-    ours = fmpy.simulate_fmu(
-        str(path), stop_time=1.0, step_size=0.004, output_interval=0.004, start_values=given, output=asked
-    )[-1]
-    assert theirs == pytest.approx([ours[name] for name in asked], rel=1e-9)
-    assert abs(ours["state.rate_z"]) > 0.1
+    theirs, ours = fmu_tools.by_libcosim(path), fmu_tools.by_fmpy(path)
+    assert theirs == pytest.approx(ours, rel=1e-9)
+    assert abs(ours[fmu_tools.ASKED.index("state.rate_z")]) > 0.1
 
 
-_BY_LIBCOSIM = """
-import json, sys
-from libcosimpy.CosimExecution import CosimExecution
-from libcosimpy.CosimManipulator import CosimManipulator
-from libcosimpy.CosimObserver import CosimObserver
-from libcosimpy.CosimSlave import CosimLocalSlave
-
-path, given, *asked = sys.argv[1:]
-execution = CosimExecution.from_step_size(step_size=4e6)  # [ns]
-car = execution.add_local_slave(CosimLocalSlave(fmu_path=path, instance_name="car"))
-of = {variable.name.decode(): variable.reference for variable in execution.slave_variables(car)}
-given = json.loads(given)
-setting, reading = CosimManipulator.create_override(), CosimObserver.create_last_value()
-execution.add_manipulator(setting)
-execution.add_observer(reading)
-assert setting.slave_real_values(car, [of[name] for name in given], list(given.values()))
-assert execution.simulate_until(target_time=1e9)
-print("found", *reading.last_real_values(car, [of[name] for name in asked]))
-"""
+@pytest.mark.exam
+def test_two_cars_in_one_process_each_carry_their_own_weight(vehicle: Vehicle) -> None:
+    assert fmu_tools.two_cars_in_one_process(vehicle, QUICK)

@@ -3,16 +3,19 @@
 from __future__ import annotations
 
 import logging
+import os
 import stat
 import subprocess
 import sys
 from pathlib import Path
+from types import SimpleNamespace
 
 import casadi as ca
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
+from vsense_ros import cache as cache_module
 from vsense_ros import codegen
 from vsense_ros.cache import kept, unsafe
 from vsense_ros.codegen import compile as _compile
@@ -24,6 +27,7 @@ from vsense_ros.model.car.car import Car
 PROGRAM = """
 import logging, sys
 import casadi as ca
+from vsense_ros import cache as cache_module
 from vsense_ros import codegen
 from vsense_ros.codegen import compile as _compile
 logging.basicConfig(level=logging.WARNING)
@@ -222,3 +226,22 @@ def test_a_kernel_reads_its_arguments_and_writes_its_results_in_place():
 def test_a_kernel_refuses_arguments_of_a_wrong_size():
     with pytest.raises(ValueError, match=r"probe: argument 0 \(x\) needs 3 elements, got 2"):
         codegen.Kernel(probe(), [np.zeros(2)])
+
+
+def test_a_folder_that_another_member_of_a_group_can_change_is_not_safe(tmp_path, monkeypatch):
+    import grp
+    import pwd
+
+    above, library = tmp_path / "above", tmp_path / "above" / "probe.so"
+    above.mkdir()
+    library.write_bytes(b"")
+    library.chmod(0o700)
+    above.chmod(0o775)
+    own = os.getuid()
+    for uid, said in ((own, ""), (own + 4711, f"{above} can be changed by others")):
+        monkeypatch.setattr(grp, "getgrgid", lambda group: SimpleNamespace(gr_mem=["somebody"]))
+        monkeypatch.setattr(pwd, "getpwnam", lambda name, uid=uid: SimpleNamespace(pw_uid=uid))
+        monkeypatch.setattr(pwd, "getpwall", list)
+        cache_module._has_others.cache_clear()
+        assert cache_module.unsafe(library) == said
+    cache_module._has_others.cache_clear()

@@ -9,7 +9,7 @@ import subprocess
 import time
 from importlib.util import find_spec
 
-from vehicle.workshop import CAR, LeftOut, Workshop, check
+from vehicle.workshop import CAR, LeftOut, Workshop, check, until
 from vsense_ros.bag import read_bag
 
 
@@ -88,6 +88,42 @@ def ended(shop: Workshop) -> str:
             slowest = max(slowest, time.monotonic() - began)
     assert slowest < 3.0, f"{slowest:.1f} s"
     return f"4 times, {slowest:.1f} s at most"
+
+
+@check("ros2 run, ros2 lifecycle and ros2 bag do with the nodes what they do with others")
+def by_the_tools(shop: Workshop) -> str:
+    environment = tools(shop)
+
+    def ros2(*words: str, timeout: float = 60.0) -> str:
+        done = subprocess.run(
+            ["ros2", *words], env=environment, cwd=shop.folder, capture_output=True, text=True, timeout=timeout
+        )
+        assert done.returncode == 0, f"ros2 {' '.join(words)}: {done.stdout[-500:]}{done.stderr[-500:]}"
+        return done.stdout
+
+    bag = str(shop.drive(4.0))
+    assert "/imu/data" in ros2("bag", "info", bag)
+    command = ["ros2", "run", "vsense_ros", "observer", "--ros-args", "-p", f"vehicle:={CAR}", "-p", "autostart:=false"]
+    process = subprocess.Popen(command, env=environment, cwd=shop.folder, start_new_session=True)
+    try:
+        until(lambda: "/observer" in ros2("node", "list"), 60.0, "the observer in ros2 node list")
+        for transition, state in (("configure", "inactive"), ("activate", "active")):
+            ros2("lifecycle", "set", "/observer", transition)
+            assert state in ros2("lifecycle", "get", "/observer")
+        record = ["ros2", "bag", "record", "-o", "recorded", "/vsense/odometry"]
+        recorder = subprocess.Popen(record, env=environment, cwd=shop.folder, start_new_session=True)
+        try:
+            until(lambda: "recorder" in ros2("node", "list"), 60.0, "ros2 bag record")
+            ros2("bag", "play", bag, timeout=120.0)
+        finally:
+            os.killpg(recorder.pid, signal.SIGINT)
+            recorder.wait(30.0)
+    finally:
+        os.killpg(process.pid, signal.SIGINT)
+        process.wait(30.0)
+    count = len(read_bag(shop.folder / "recorded")["vsense/odometry"])
+    assert count > 100, count
+    return f"{count} estimates of what ros2 bag played"
 
 
 def group_lives(process: subprocess.Popen[bytes]) -> bool:

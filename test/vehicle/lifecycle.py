@@ -15,6 +15,7 @@ from lifecycle_msgs.srv import ChangeState, GetState
 from rcl_interfaces.srv import SetParameters
 from rclpy.parameter import Parameter
 
+from vehicle.soak import worked
 from vehicle.workshop import CAR, Workshop, check, until
 from vsense_ros.bag import read_bag
 from vsense_ros.node.processes import NodeProcess
@@ -180,6 +181,17 @@ def compiled(shop: Workshop) -> str:
     assert node.stop() == 0
     assert {f for f in (shop.folder / "cache").iterdir() if f.suffix == ".so"} <= before
     return f"{ahead:.1f} s ahead, then active after {start:.1f} s"
+
+
+@check("an observer whose models are compiled is active after 4 s of a processor's time at most")
+def soon_active(shop: Workshop) -> str:
+    began = time.monotonic()
+    node = shop.start("observer", vehicle=CAR)
+    node.wait_until_active()
+    passed, busy = time.monotonic() - began, worked(node.pid) / os.sysconf("SC_CLK_TCK")
+    assert node.stop() == 0
+    assert busy < 4.0, busy
+    return f"{busy:.1f} s of a processor, {passed:.1f} s by the clock, with what else ran"
 
 
 @check("a file of parameters for all nodes may have keys of other nodes; a key of a node's own may not be wrong")
