@@ -95,11 +95,27 @@ def test_where_a_simulated_car_spins_short_windows_begin_where_the_real_one_is()
         lateral = np.interp(window.begin, t, truth.columns["linear"][:, 1])
         assert window.lateral_velocity == pytest.approx(lateral, abs=0.2)  # half a degree of side slip
         assert len(grid(window)) == pytest.approx(SHORT.compared / 0.04, abs=1)
-    assert "compared 2 s at a time" in near.remarks[-1]
+    assert "compared 1 s at a time" in near.remarks[-1]
     residuals = Residuals(Predictor(spinning.vehicle, near))
     assert not any(residuals.predictor.lost(spinning.start))
     whole = Residuals(spinning)
     assert residuals.level(residuals(spinning.start)) < whole.level(whole(spinning.start))
+
+
+@pytest.mark.exam
+def test_a_fit_that_cannot_begin_as_its_car_spins_begins_in_short_windows_and_finds_car_and_effect():
+    car = having(prototype(), steering_ratio={"relative": 0.1})
+    slippery = wrong(prototype()).with_parameters({"rear.grip_scale": 0.8})
+    recording = driven(car, "at the limit")
+    whole = build_dataset([recording], slippery)
+    alone = Residuals(Predictor(slippery, whole))
+    stuck = fit(alone, alone.predictor.start, base_parameters(slippery))
+    _, residuals, base = Restarts([recording], slippery).refitted(whole, base_parameters(slippery), lambda: None)
+    assert residuals.level(base.residuals) < 0.6 < 5 < alone.level(stuck.residuals)
+    assert base.parameter_set.values["rear.grip_scale"] == pytest.approx(1.0, abs=0.05)
+    offered = [c for c in candidates() if c.name == "steering_ratio"]
+    (found,) = Search(residuals, residuals.predictor.start, base, offered).single()
+    assert found.sizes["effects.steering_ratio.relative"] == pytest.approx(0.1, abs=0.03)
 
 
 def test_what_a_car_measures_before_it_gets_lost_is_compared():

@@ -1,7 +1,7 @@
 """Short windows for driving at the limit of grip, where no simulation stays beside a car for long.
 
 What was steered to hold the real car does not hold another one, which differs from it a little: it spins, and what it
-would have measured from then on says nothing. A simulation of two seconds that begins where the car is stays near it
+would have measured from then on says nothing. A simulation of a second that begins where the car is stays near it
 (multiple shooting, Bock & Plitt 1984). Where the car is, the observer says, which corrects itself all the time.
 """
 
@@ -35,8 +35,8 @@ Array = NDArray[np.float64]
 class ShortWindowSettings:
     """How windows in which a simulated car gets lost are divided: decisions of this project."""
 
-    compared: float = 2.0  # [s] of each short window
-    run_in: float = 0.8  # [s] before that, in which body and tyres find their state
+    compared: float = 1.0  # [s] of each short window
+    run_in: float = 0.5  # [s] before that, in which body and tyres find their state
     settling: float = 10.0  # [s] that the observer gets before the first of them
     rate: float = 50.0  # [Hz] of its estimates
 
@@ -58,28 +58,39 @@ class Restarts:
     def refitted(
         self, dataset: Dataset, free_parameters: Sequence[FreeParameter], progress: Callable[[], None]
     ) -> tuple[Dataset, Residuals, Fit]:
-        """The base parameters fitted to all windows. Those in which the simulated car gets lost, even when it is fitted
-        to the others, are compared in short ones. Returned with the windows that were fitted."""
-        residuals = Residuals(Predictor(self.vehicle, dataset))
-        if not any(residuals.layout):
-            raise NotAssessableError(NOTHING_TO_COMPARE)
-        start = residuals.predictor.start
-        at = base = fit(residuals, start, free_parameters, progress=progress)
-        lost = residuals.predictor.lost(base.parameter_set)
+        """The base parameters fitted to all windows. If the simulated car gets lost in some they are fitted to the
+        others, and then to short windows in place of these: a car that spins shows no way out of that. Where it then
+        stays on the road whole windows are fitted, else the short ones. Returned with the windows that were fitted."""
+
+        def fitted_to(windows: Dataset, begin: Fit | None) -> tuple[Residuals, Fit]:
+            residuals = Residuals(Predictor(self.vehicle, windows))
+            if not any(residuals.layout):
+                raise NotAssessableError(NOTHING_TO_COMPARE)
+            start, offsets = residuals.predictor.start, None if begin is None else begin.offsets
+            return residuals, fit(residuals, start, free_parameters, begin=offsets, progress=progress)
+
+        def whole_again(begin: Fit) -> Fit | None:
+            """The fit to whole windows from where another one ended, if the car stays on the road in both."""
+            if any(whole.predictor.lost(begin.parameter_set)):
+                return None
+            _, again = fitted_to(dataset, begin)
+            return None if any(whole.predictor.lost(again.parameter_set)) else again
+
+        whole, base = fitted_to(dataset, None)
+        lost = whole.predictor.lost(base.parameter_set)
         if not any(lost):
-            return dataset, residuals, base
-        if 2 * sum(lost) < len(lost):
-            residuals_of_rest = Residuals(Predictor(self.vehicle, dataset.without(lost, LOST)))
-            at = fit(residuals_of_rest, start, free_parameters, begin=base.offsets, progress=progress)
-            if not any(residuals.predictor.lost(at.parameter_set)):
-                base = fit(residuals, start, free_parameters, begin=at.offsets, progress=progress)
-                if not any(residuals.predictor.lost(base.parameter_set)):
-                    return dataset, residuals, base
-        near = self.near_the_car(dataset, at.parameter_set)
-        if not near.windows:
-            return dataset, residuals, base
-        residuals = Residuals(Predictor(self.vehicle, near))
-        return near, residuals, fit(residuals, start, free_parameters, begin=at.offsets, progress=progress)
+            return dataset, whole, base
+        at = base if 2 * sum(lost) > len(lost) else fitted_to(dataset.without(lost, LOST), base)[1]
+        if (again := whole_again(at)) is not None:
+            return dataset, whole, again
+        short = self._divided(dataset, lost, extended(self.vehicle, dataset, at.parameter_set))
+        residuals, at = fitted_to(short, None)
+        if (again := whole_again(at)) is not None:
+            return dataset, whole, again
+        rest = short.without(residuals.predictor.lost(at.parameter_set), LOST)
+        if not rest.windows:
+            return dataset, whole, base
+        return (short, residuals, at) if len(rest.windows) == len(short.windows) else (rest, *fitted_to(rest, at))
 
     def near_the_car(self, dataset: Dataset, parameter_set: ParameterSet) -> Dataset:
         """The data set with short windows in place of those in which the car with these parameters gets lost; without
