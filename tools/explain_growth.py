@@ -51,9 +51,10 @@ class Cost:
 
 def driven(effects: int, seed: int = 1) -> Recording:
     """A drive of the car with the first so many of the effects."""
-    raw = vs.load_vehicle(VEHICLE).model_dump()
-    raw["effects"] = dict(list(HIDDEN.items())[:effects])
-    return generate(MANOEUVRE, type(vs.load_vehicle(VEHICLE)).model_validate(raw), seed)
+    car = vs.load_vehicle(VEHICLE)
+    raw = car.model_dump()
+    raw["physics"]["effects"] = dict(list(HIDDEN.items())[:effects])
+    return generate(MANOEUVRE, type(car).model_validate(raw), seed)
 
 
 def processor_time() -> float:

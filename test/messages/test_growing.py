@@ -1,7 +1,12 @@
 """Columns that grow hold the same numbers, in memory or on the disk; an order of arrival may be made piece by piece."""
 
-import numpy as np
+from pathlib import Path
 
+import numpy as np
+import pytest
+
+from vsense_ros.errors import InputError
+from vsense_ros.messages import growing
 from vsense_ros.messages.growing import GROWING, Growing
 from vsense_ros.messages.recording import by_arrival
 
@@ -16,6 +21,14 @@ def test_a_column_that_outgrows_memory_is_a_map_of_all_its_rows_on_the_disk():
     assert isinstance(long.column(), np.memmap)
     np.testing.assert_array_equal(long.column(), rows[:, ::-1])
     np.testing.assert_array_equal(short.column(), rows[:3])
+
+
+@pytest.mark.skipif(not Path("/dev/full").exists(), reason="no device that is always full")
+def test_a_full_disk_is_said_in_a_sentence(monkeypatch):
+    with Path("/dev/full").open("r+b", buffering=0) as full:
+        monkeypatch.setattr(growing, "TemporaryFile", lambda: full)
+        with pytest.raises(InputError, match="no room for a long recording's estimates"):
+            Growing().add(np.zeros((GROWING.in_memory // 8 + 1, 1)))
 
 
 def test_an_order_of_arrival_made_in_pieces_is_that_of_all_at_once_with_ties_in_the_order_of_the_streams():

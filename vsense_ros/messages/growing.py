@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from tempfile import TemporaryFile
+from tempfile import TemporaryFile, gettempdir
 from typing import IO
 
 import numpy as np
 from numpy.typing import NDArray
+
+from vsense_ros.errors import InputError
 
 
 @dataclass(frozen=True)
@@ -24,7 +26,8 @@ class Growing:
     """A column (n, k) of which blocks (m, k) come one after the other.
 
     What is more than `GROWING.in_memory` waits in a file without a name, in the folder for temporary files. Its array
-    is a map of that file then, which the system reads where it is looked at and need not keep.
+    is a map of that file then, which the system reads where it is looked at and need not keep. Raises `InputError`
+    where there is no room for it.
     """
 
     def __init__(self) -> None:
@@ -46,13 +49,17 @@ class Growing:
         if self._file is None:
             return np.concatenate(self._parts)
         self._put_down()
-        self._file.flush()
         return np.memmap(self._file, dtype=float, mode="c", shape=(self._rows, self._width))
 
     def _put_down(self) -> None:
-        if self._file is None:
-            self._file = TemporaryFile()  # noqa: SIM115 - open as long as its map is
-        for part in self._parts:
-            self._file.write(np.ascontiguousarray(part, dtype=float).data)
+        try:
+            if self._file is None:
+                self._file = TemporaryFile()  # noqa: SIM115 - open as long as its map is
+            for part in self._parts:
+                self._file.write(np.ascontiguousarray(part, dtype=float).data)
+            self._file.flush()
+        except OSError as error:
+            reason = f"no room for a long recording's estimates ({error.strerror}); TMPDIR names another folder"
+            raise InputError(f"{gettempdir()}: {reason}") from None
         self._parts.clear()
         self._size = 0
