@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from scipy.signal import lfilter
 
 from synthetic_motion import (
     GNSS_SIGNALS,
@@ -16,6 +17,7 @@ from synthetic_motion import (
     POSITION,
     STEERED,
     STEERING,
+    STEP,
     VELOCITY,
     WHEEL_SIGNALS,
     WHEELS,
@@ -51,6 +53,19 @@ def test_the_sensor_whose_clock_is_another_one_is_named_with_its_lag(topic, dela
     for other in BY_TOPIC.keys() - {topic}:
         assert finding.evidence[other] == pytest.approx(delay, abs=0.05)
     assert finding.against == ", ".join(finding.evidence)
+
+
+def test_an_accelerometer_that_is_smoothed_beside_a_gyro_in_time_is_said_to_be_late():
+    signals = only(Drive(pushing=2.0, duration=120.0).signals(), *INERTIAL, *WHEEL_SIGNALS, *GNSS_SIGNALS)
+    assert list(lags(subject_of(signals), [])) == []
+    low_pass = (
+        1.5  # [s] which delays what changes once in ten seconds by arctan(ω τ) / ω = 1.2 s, and faster parts less
+    )
+    signals["ax"] = lfilter([STEP / low_pass], [1.0 + STEP / low_pass, -1.0], signals["ax"])
+    (finding,) = lags(subject_of(signals), [])
+    assert (finding.topic, finding.reason, finding.confidence) == (IMU, Reason.GAINS_LATE, Confidence.LIKELY)
+    assert finding.evidence.keys() == {VELOCITY, WHEELS}
+    assert all(0.6 < seconds < 1.2 for seconds in finding.evidence.values())
 
 
 @pytest.mark.parametrize("delay", [0.04, -0.36, 0.1, -0.46, 0.3, -0.7])

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence, Set
 from dataclasses import dataclass
 from itertools import pairwise
 
@@ -64,6 +64,12 @@ class ClockSettings:
     position_explained: float = setting(2.0, "-", "likewise for these")
     position_lag: float = setting(0.15, "s", "or half of the span, that they may be apart")
     speed_lag: float = setting(0.8, "s", "that the speed by GNSS and the car's own may be apart", JUDGEMENT)
+    gaining_span: float = setting(1.5, "s", "of means in which gains of speed are compared", JUDGEMENT)
+    gaining_sway: float = setting(10.0, "s", "over which these have to change: grades last longer", JUDGEMENT)
+    gaining: float = setting(0.15, "m/s²", "standard deviation of them that shows a lag")
+    gaining_correlation: float = setting(0.87, "-", "of them at the best lag")
+    gaining_explained: float = setting(3.0, "-", "times less unexplained variance with the lag than without one")
+    gaining_lag: float = setting(0.6, "s", "that accelerometer and speed may be apart", JUDGEMENT)
     slack: float = setting(1.0, "s", "by which a topic may begin or end beside the others", JUDGEMENT)
     slack_periods: float = setting(5.0, "-", "or so many of its periods", JUDGEMENT)
     moved_alike: float = setting(0.3, "s", "within which begin and end are moved by the same")
@@ -103,6 +109,7 @@ def lags(subject: Subject, earlier: Sequence[Finding]) -> Iterator[Finding]:
             confidence=Confidence.LIKELY if sure else Confidence.UNDECIDED, evidence=behind,
         )  # fmt: skip
     blamed = {finding.topic for finding in earlier} | {topics[Role(late)] for late in (*blame.wrong, *blame.undecided)}
+    yield from _late_gains(motion, topics, blamed)
     if not blamed & {topics[Role.VELOCITY], topics[Role.POSITION]}:
         yield from _position_lag(motion, topics, any(agree and _GNSS in pair for pair, agree in pairs.items()))
 
@@ -177,6 +184,31 @@ def _speed_lag(motion: Motion) -> dict[tuple[str, str], float]:
         if abs(matched.lag) > max(SETTINGS.speed_lag, 0.5 * motion.gnss_span):
             return {(ROLE_OF[source].value, _GNSS): matched.lag}
     return {}
+
+
+def _late_gains(motion: Motion, topics: Topics, blamed: Set[str]) -> Iterator[Finding]:
+    """An accelerometer that feels much later than all others how the car gains speed, whatever is with the gyro beside
+    it: filters that smooth it are as slow as that, and what is left of it is alike over seconds alone."""
+    pushes, s = motion.pushes, SETTINGS
+    if ACCELEROMETER not in pushes:
+        return
+    means = {name: motion.smooth(values, s.gaining_span) for name, values in pushes.items()}
+    gains = {name: values - motion.smooth(values, s.gaining_sway) for name, values in means.items()}
+    behind = {}
+    for other in (GNSS, WHEELS):
+        if other not in gains or topics[ROLE_OF[other]] in blamed or spread(gains[other]) < s.gaining:
+            continue
+        matched = match(gains[ACCELEROMETER], gains[other], motion.signals.step, LONG_LAGS)
+        alike = matched is not None and matched.best > s.gaining_correlation and matched.explained > s.gaining_explained
+        if matched is None or not alike or matched.lag < s.gaining_lag:
+            return
+        behind[topics[ROLE_OF[other]]] = matched.lag
+    imu = topics[ROLE_OF[ACCELEROMETER]]
+    if behind and imu not in blamed:
+        yield Finding(
+            imu, Kind.LAG, Reason.GAINS_LATE, "linear_acceleration.x", against=", ".join(behind), evidence=behind,
+            confidence=Confidence.LIKELY if len(behind) > 1 else Confidence.UNDECIDED,
+        )  # fmt: skip
 
 
 def _own_speed(motion: Motion, source: str) -> Array | None:

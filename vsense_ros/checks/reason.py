@@ -97,6 +97,7 @@ class Reason(Enum):
     # clocks
     LATE = "lies {behind}: is its clock or its latency wrong?"
     LATE_OR_OTHER = "lies {behind}: which of the clocks is wrong?"
+    GAINS_LATE = "{signal} lies {behind}: is it smoothed, or its clock wrong?"
     POSITION_LATE = "lies {behind}: is a clock or a latency wrong?"
     POSITION_OR_VELOCITY_LATE = "lies {behind}: which of the two is wrong?"
     NO_COMMON_TIME = "has no time in common with the other topics: {distance:.1f} s away from them"
