@@ -10,7 +10,7 @@ from functools import partial
 from vsense_ros.estimation.catalogue import Catalogue, FilterFamily
 from vsense_ros.model.sensors import SensorBase
 from vsense_ros.model.vehicle import Vehicle
-from vsense_ros.navigation import heading_bank, inertial, integrated, strapdown, yaw_kkf
+from vsense_ros.navigation import heading_bank, inertial, integrated, strapdown
 from vsense_ros.navigation.aided import Aided
 from vsense_ros.navigation.car_numbers import car_numbers
 from vsense_ros.navigation.reading_use import usable
@@ -19,12 +19,6 @@ from vsense_ros.navigation.thesis.catalogue import THESIS
 
 # What a user chooses from: name → title, definition, when to take it.
 RECOMMENDED: dict[str, tuple[str, Definition, str]] = {
-    "yaw_kkf": ("heading by gyro and course", yaw_kkf.YAW_KKF, "as the simplest: heading alone"),
-    "yaw_kkf_heading": (
-        "heading by gyro, course and two antennas",
-        yaw_kkf.YAW_KKF_WITH_HEADING,
-        "where two antennas measure the heading",
-    ),
     "heading_bank": (
         "heading by a bank of hypotheses",
         heading_bank.HEADING_BANK,

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from vsense_ros.navigation import joint_kkf, open_loop
+from vsense_ros.navigation import joint_kkf, open_loop, yaw_kkf
 from vsense_ros.navigation.space import Definition
 from vsense_ros.navigation.thesis import (
     attitude_ekf,
@@ -19,6 +19,16 @@ from vsense_ros.navigation.thesis import (
 
 # Name → title, definition, when to take it.
 THESIS: dict[str, tuple[str, Definition, str]] = {
+    "yaw_kkf": (
+        "heading by gyro and course",
+        yaw_kkf.YAW_KKF,
+        "to repeat section 4.2.1 of Leung 2010: it takes a car to go where it points, which no banked road lets it do",
+    ),
+    "yaw_kkf_heading": (
+        "heading by gyro, course and two antennas",
+        yaw_kkf.YAW_KKF_WITH_HEADING,
+        "likewise, where two antennas measure the heading",
+    ),
     "dual_kkf": ("dual kinematic KF", dual_kkf.DUAL_KKF, "to repeat Bevly 2001 and Leung 2010, table 4.2"),
     "dual_kkf_heading": (
         "dual kinematic KF with two antennas",
