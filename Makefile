@@ -18,7 +18,7 @@ export OMP_NUM_THREADS ?= 1
 export OPENBLAS_NUM_THREADS ?= 1
 
 .DEFAULT_GOAL := help
-.PHONY: own-car exports studio-test help venv check test exam lint docs format house demo bench bench-against best thesis genesis road truth \
+.PHONY: own-car exports studio-test help venv check test exam lint docs format house demo bench bench-against best thesis genesis road truth faults \
 	leung blind recordings bags hw-tools hw hw-timing arm accelerator vehicle fuzz release clean
 
 help: ## this list
@@ -113,6 +113,11 @@ road: venv ## forces and attitudes on roads that are not flat, to out/road.json
 
 truth: venv ## what is published against what it says of itself, on all drives, to out/truth.json
 	$(VENV)/bin/python -m studies truth
+
+# FAULTS="--sample 150 --seed 7" takes other rows, --resume goes on with what was interrupted.
+FAULTS ?=
+faults: venv ## every part of every sensor that fails in every way: 1,040 rows, to out/truth.json
+	$(VENV)/bin/python -m studies faults $(FAULTS)
 
 bags: venv ## regenerate the manoeuvres in bags/ bit by bit
 	$(VENV)/bin/python -m studies bags

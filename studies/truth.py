@@ -16,13 +16,12 @@ from typing import Any
 import numpy as np
 from rich.console import Console
 
-from studies import navigation_consistency, road
+from studies import fault_outcomes, fault_rows, navigation_consistency, road
 from studies.coverage import Compared, coverage_table
 from studies.genesis import EXAMINED_ON, IDENTIFIED_FROM
 from studies.heading_transient import HeadingTransient, transient_of
 from studies.navigation_consistency import GENESIS, RECORDED, Drive
 from studies.tasks import Failed, Task, kept, pool
-from vsense_ros.assess import fault_rows
 from vsense_ros.bag.datasets import data_dir
 from vsense_ros.bag.importers import genesis, import_recording
 from vsense_ros.errors import InputError
@@ -66,7 +65,7 @@ class Results:
     """All that was examined, by drive, row or filter."""
 
     drives: Mapping[str, Outcome]
-    faults: Sequence[fault_rows.RowOutcome]
+    faults: Sequence[fault_outcomes.RowOutcome]
     navigation: Mapping[str, Mapping[str, Mapping[str, float]]]
     failed: Mapping[str, str] = field(default_factory=dict)  # error by part
     left_out: Sequence[str] = ()  # drives whose recordings are not here
@@ -80,7 +79,7 @@ class Results:
         return {
             "coverage": {title: one.figures() for title, one in self.compared().items()},
             "forces": {title: outcome.forces for title, outcome in self.drives.items()},
-            "faults": fault_rows.as_json(self.faults),
+            "faults": fault_outcomes.as_json(self.faults),
             "navigation": self.navigation,
             "latency_ms": {title: outcome.lags_ms for title, outcome in self.drives.items() if outcome.lags_ms},
         }
@@ -109,14 +108,14 @@ def examine(
     tasks = {title: task for title, task in tasks.items() if not only or any(text in title for text in only)}
     rows = fault_rows.some_rows(FAULT_ROWS) if not only or "faults" in only else []
     filters = not only or "filters" in only
-    tasks |= {row.name: Task(20.0, fault_rows.examine, (row,)) for row in rows}
+    tasks |= {row.name: Task(4.0, fault_outcomes.if_here, (row,)) for row in rows}
     share_of_drives = 0.6 if filters else 1.0
     with pool(processes) as do_tasks:
         found = do_tasks(kept(tasks, parts), lambda share: progress(share_of_drives * share)) if tasks else []
     by_title = dict(zip(tasks, found, strict=True))
     failed = {title: one.error for title, one in by_title.items() if isinstance(one, Failed)}
     drives = {title: one for title, one in by_title.items() if isinstance(one, Outcome)}
-    faults = [one for one in by_title.values() if isinstance(one, fault_rows.RowOutcome)]
+    faults = [one for one in by_title.values() if isinstance(one, fault_outcomes.RowOutcome)]
     navigation: Mapping[str, Mapping[str, Mapping[str, float]]] = {}
     if filters:
         by_filter, of_filters = navigation_consistency.by_drive(
@@ -256,7 +255,7 @@ def show(results: Results, console: Console) -> None:
             title = ""
     console.print(table)
     if results.faults:
-        console.print(fault_rows.table(results.faults))
+        console.print(fault_outcomes.table(results.faults))
     if results.left_out:
         console.print(
             f"Left out, as they are not here (VSENSE_DATA names their folder): {', '.join(results.left_out)}."

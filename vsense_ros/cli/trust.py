@@ -101,30 +101,23 @@ def monitor(recordings: tuple[Path, ...], vehicle: str, calibrate: Path | None, 
 @click.command()
 @click.option("--out", type=NEW_FILE, default=Path("out/faults.json"), show_default=True, help="File to write.")
 @click.option("--only", metavar="WORDS", default="", help="Only faults whose name contains these words.")
-@click.option("--rows", type=click.IntRange(1), metavar="N", help="Examine this many rows of the systematic table.")
 @click.option("--filter", "chosen", metavar="NAME", default="", help="Filter, as `vsense filters` lists them.")
-def faults(out: Path, only: str, rows: int | None, chosen: str) -> None:
+def faults(out: Path, only: str, chosen: str) -> None:
     """Simulate sensor faults and show their effect.
 
     \b
     Examples:
       vsense faults
       vsense faults --only gyro
-      vsense faults --rows 60 --only steering
       vsense faults --filter strapdown
 
     Axes of inertial sensors jump, drift, freeze or disappear, and GNSS jumps, is wrong or is absent, on the generated
-    bags and on the drive of the RAV4. This takes about a minute. --rows examines a part of a systematic table of some
-    2,500 rows: every part of every sensor with every kind of fault, for 0.3 s and until the end, on a straight, in a
-    bend, at standstill and from the start. A row takes some seconds.
+    bags and on the drive of the RAV4. This takes about a minute.
     """
     from vsense_ros.assess import faults as job
     from vsense_ros.errors import InputError
     from vsense_ros.evaluate.terminal import console, progress, say
 
-    if rows is not None:
-        _examine_rows(rows, only, chosen, out)
-        return
     cases = [case for case in job.CASES if only in case.title and job.concerns(case, chosen)]
     if not cases:
         raise InputError(
@@ -139,36 +132,6 @@ def faults(out: Path, only: str, rows: int | None, chosen: str) -> None:
                 left_out[case.drive] = str(error)
             done((i + 1) / len(cases))
     job.write(outcomes, out)
-    console().print(job.table(outcomes))
-    for name, why in left_out.items():
-        say(f"Without {name}: {why}")
-    say(f"{sum(outcome.holds for outcome in outcomes)} of {len(outcomes)} hold. Written to {out}.")
-
-
-def _examine_rows(count: int, only: str, chosen: str, out: Path) -> None:
-    """Rows of the systematic table of faults: print those that do not hold and the shares, write all as JSON."""
-    import json
-
-    from vsense_ros.assess import fault_rows as job
-    from vsense_ros.errors import InputError
-    from vsense_ros.evaluate.terminal import console, progress, say
-    from vsense_ros.files.atomic import atomic_write
-
-    rows = job.some_rows(count, [row for row in job.rows() if only in row.name])
-    if not rows:
-        raise InputError(f"expected words of a row such as {job.rows()[0].name!r}, found {only!r}, which none has")
-    outcomes, left_out = [], {}
-    with progress("faults") as done:
-        for i, row in enumerate(rows):
-            try:
-                outcomes.append(job.examine(row, chosen))
-            except InputError as error:
-                left_out[row.phase.drive] = str(error)
-            done((i + 1) / len(rows))
-    content = {"summary": job.summary(outcomes), "rows": job.as_json(outcomes)}
-    out.parent.mkdir(parents=True, exist_ok=True)
-    with atomic_write(out) as file:
-        file.write(json.dumps(content, indent=2) + "\n")
     console().print(job.table(outcomes))
     for name, why in left_out.items():
         say(f"Without {name}: {why}")
