@@ -81,6 +81,10 @@ def test_forces_that_stay_the_same_while_the_car_moves_are_a_sign_and_at_standst
     assert "forces have not changed for 1.0 s" in moving[GUARD.looks_until_frozen - 1]
 
 
+def test_the_tyres_of_a_car_on_the_road_carry_its_weight(driving: Runner) -> None:
+    assert driving.adapter.vitals(driving.snapshot()).load == pytest.approx(1.0, abs=0.2)
+
+
 def test_a_speed_that_is_not_known_is_a_sign_once_the_start_is_over(driving: Runner) -> None:
     vitals = driving.adapter.vitals(driving.snapshot())._replace(speed_deviation=11.0)
     driving.guard.begin(0)

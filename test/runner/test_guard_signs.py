@@ -55,7 +55,7 @@ def guard(filtered: SmallFilter) -> Guard:
 
 def vitals(i: int = 0, **changes: float) -> Vitals:
     """A sane state whose forces are others at each look."""
-    return Vitals(0.02, 0.1, 20.0, 0.1, np.array([float(i), 1.0]))._replace(**changes)  # type: ignore[arg-type]
+    return Vitals(0.02, 0.1, 20.0, 0.1, 1.0, (np.array([float(i), 1.0]),))._replace(**changes)  # type: ignore[arg-type]
 
 
 def looks(guard: Guard, count: int, first: int = 1, **changes: float) -> list[str]:
@@ -98,7 +98,7 @@ def test_a_speed_that_is_not_known_is_a_sign_after_five_seconds(guard, deviation
 
 @pytest.mark.parametrize(("speed", "sign"), [(1.1, True), (-1.1, True), (0.9, False)])
 def test_numbers_that_stay_the_same_while_the_car_moves_are_a_sign(guard, speed, sign):
-    same = np.array([3.0, np.nan])
+    same = (np.array([3.0, np.nan]),)
     found = [guard.look(11 * SECOND + i * LOOK, vitals(speed=speed)._replace(changing=same)) for i in range(12)]
     assert not any(found[:10])
     assert ("forces have not changed for 1.0 s" in found[10]) == sign
@@ -106,8 +106,32 @@ def test_numbers_that_stay_the_same_while_the_car_moves_are_a_sign(guard, speed,
 
 def test_numbers_that_change_in_between_are_no_sign(guard):
     for i in range(40):
-        changing = np.array([float(i // 9)])
+        changing = (np.array([float(i // 9)]),)
         assert not guard.look(11 * SECOND + i * LOOK, vitals()._replace(changing=changing))
+
+
+def test_vertical_forces_that_stay_the_same_are_a_sign_though_others_change(guard):
+    stuck = np.full(4, 3000.0)
+    looked = [vitals()._replace(changing=(np.array([float(i)]), stuck)) for i in range(12)]
+    found = [guard.look(11 * SECOND + i * LOOK, one) for i, one in enumerate(looked)]
+    assert not any(found[:10])
+    assert "forces have not changed for 1.0 s" in found[10]
+
+
+@pytest.mark.parametrize(("load", "speed", "sign"), [(0.0, 20.0, True), (0.05, 20.0, False), (0.0, 0.5, False)])
+def test_tyres_that_carry_nothing_while_the_car_moves_are_a_sign_after_half_a_second(guard, load, speed, sign):
+    """A car that jumps flies for less."""
+    found = looks(guard, 6, load=load, speed=speed)
+    assert not any(found[:5])
+    assert ("no tyre would have touched the road for 0.6 s" in found[5]) == sign
+
+
+def test_a_state_of_a_car_that_flies_is_not_kept(guard, filtered):
+    looks(guard, 1)
+    filtered.memory[:] = 5.0
+    guard.look(11 * SECOND, vitals(1, load=0.0))
+    assert guard.restore(11 * SECOND) == pytest.approx(0.9)
+    assert filtered.memory[0] == 0.0
 
 
 def test_a_covariance_that_is_none_is_a_sign_at_every_tenth_look(guard, filtered):

@@ -1,10 +1,11 @@
 """The guard of a filter: a state that no car can have is not published, and the filter goes back to one that it can.
 
 A filter diverges where what it is given contradicts its model for good, as the recording of a car without steering
-angle does. It then goes on with numbers that are finite and mean nothing. Five signs are looked for: a car that lies on
-its side, a road that is steeper than roads are, a speed that is not known, a covariance that is none, and forces that
-stay the same, bit by bit, while the car moves. After the first sign the filter goes on from its last good state; after
-several in a row it is given up, which is an error, and starts anew later.
+angle does. It then goes on with numbers that are finite and mean nothing. Six signs are looked for: a car that lies on
+its side, a road that is steeper than roads are, a speed that is not known, a covariance that is none, forces that stay
+the same, bit by bit, while the car moves, and tyres that carry nothing for longer than a car flies. After the first
+sign the filter goes on from its last good state; after several in a row it is given up, which is an error, and starts
+anew later.
 """
 
 from __future__ import annotations
@@ -38,6 +39,8 @@ class GuardSettings:
     moving: float = 1.0  # [m/s] above which forces change from one look to the next
     between_looks: float = 0.1  # [s]
     looks_until_frozen: int = 10  # [-] in which nothing changed
+    least_load: float = 0.02  # [-] of the car's weight, below which no tyre touches the road
+    looks_until_weightless: int = 6  # [-] in which none did
     looks_between_covariances: int = 10  # [-] the eigenvalues of a covariance take as long as ten steps
     good_share: float = 0.5  # [-] of the limits, up to which a state is kept to go back to
     most_recoveries: int = 5  # [-] after which the filter is given up, within
@@ -50,14 +53,16 @@ GUARD = GuardSettings()
 
 class Vitals(NamedTuple):
     """What the guard looks at of one state: the larger of roll and pitch on the map [rad], the larger of grade and bank
-    of the road over the largest that can be [-], speed and its standard deviation [m/s], and numbers that cannot stay
-    the same while the car moves; NaN where a filter has no such thing."""
+    of the road over the largest that can be [-], speed and its standard deviation [m/s], the share of the car's weight
+    that its tyres carry [-], and groups of numbers none of which can all stay the same while the car moves; NaN where a
+    filter has no such thing."""
 
     tilt: float
     steepness: float
     speed: float
     speed_deviation: float
-    changing: Array
+    load: float
+    changing: tuple[Array, ...]
 
 
 class Guard:
@@ -68,8 +73,8 @@ class Guard:
         self._good = filter.backup().memory
         self._good_stamp: int | None = None
         self._recoveries: deque[int] = deque(maxlen=GUARD.most_recoveries)
-        self._started = self._looked = self._looks = self._same = self._steep = 0
-        self._changing = b""
+        self._started = self._looked = self._looks = self._same = self._steep = self._weightless = 0
+        self._changing: list[bytes] = []
         self.failures: list[tuple[int, str]] = []
 
     def begin(self, stamp: int) -> None:
@@ -77,7 +82,7 @@ class Guard:
         self._good_stamp = None
         self._recoveries.clear()
         self._started = self._looked = stamp
-        self._looks = self._same = self._steep = 0
+        self._looks = self._same = self._steep = self._weightless = 0
 
     def due(self, stamp: int) -> bool:
         """True if it is time to look."""
@@ -93,7 +98,8 @@ class Guard:
             vitals.steepness,
             vitals.speed_deviation / GUARD.largest_speed_deviation,
         )
-        if not wrong and not self._same and not any(share > GUARD.good_share for share in shares):
+        doubtful = wrong or self._same or self._weightless
+        if not doubtful and not any(share > GUARD.good_share for share in shares):
             self._good[:] = self._filter.memory
             self._good_stamp = stamp
         return wrong
@@ -113,11 +119,18 @@ class Guard:
                 f"the speed is only known to {vitals.speed_deviation:.3g} m/s, where "
                 f"{GUARD.largest_speed_deviation:g} m/s is the limit"
             )
-        before, self._changing = self._changing, vitals.changing.tobytes()
-        same = before == self._changing
-        self._same = self._same + 1 if same and abs(vitals.speed) > GUARD.moving else 0
+        moving = abs(vitals.speed) > GUARD.moving
+        before, self._changing = self._changing, [group.tobytes() for group in vitals.changing]
+        same = any(one == other for one, other in zip(before, self._changing, strict=False))
+        self._same = self._same + 1 if same and moving else 0
         if self._same >= GUARD.looks_until_frozen:
             return f"forces have not changed for {self._same * GUARD.between_looks:.1f} s at {vitals.speed:.1f} m/s"
+        self._weightless = self._weightless + 1 if vitals.load < GUARD.least_load and moving else 0
+        if self._weightless >= GUARD.looks_until_weightless:
+            return (
+                f"no tyre would have touched the road for {self._weightless * GUARD.between_looks:.1f} s at "
+                f"{vitals.speed:.1f} m/s"
+            )
         if self._looks % GUARD.looks_between_covariances == 0 and not is_covariance(self._filter.belief().covariance):
             return "the covariance of its errors is not positive definite any more"
         return ""
@@ -134,7 +147,7 @@ class Guard:
             return None
         self._filter.memory[:] = self._good
         self._filter.inflate()
-        self._same = self._steep = 0
+        self._same = self._steep = self._weightless = 0
         return max(stamp - self._good_stamp, 0) * 1e-9
 
     def give_up(self, stamp: int, why: str) -> None:

@@ -159,7 +159,7 @@ class KinematicAdapter(Adapter):
         value, reported = motions.value[0], set(motions.estimated)
         tilts = [abs(value.item(MOTION.index(name))) for name in ("roll", "pitch") if name in reported]
         deviation = motions.twist_covariance[0, 0, 0] ** 0.5 if "forward_velocity" in reported else np.nan
-        return Vitals(max(tilts, default=np.nan), np.nan, self._speed, float(deviation), value)
+        return Vitals(max(tilts, default=np.nan), np.nan, self._speed, float(deviation), np.nan, (value,))
 
     def messages(self, snapshot: Snapshot) -> list[Sample]:
         return self.readout.motions([snapshot]).samples()

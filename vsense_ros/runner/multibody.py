@@ -17,6 +17,7 @@ from vsense_ros.estimation.timeline import Channel, Event, Timeline
 from vsense_ros.messages.diagnostic import Diagnostic, Level
 from vsense_ros.messages.recording import Sample
 from vsense_ros.model.car.pose import tilt_on_map
+from vsense_ros.model.constants import GRAVITY
 from vsense_ros.model.coordinates import PITCH, ROLL, SPIN, STEERING_OFFSET, YAW, X, Y
 from vsense_ros.model.sensors import SensorBase
 from vsense_ros.model.vehicle import Vehicle, left_out_of_observer
@@ -297,9 +298,11 @@ class CarAdapter(Adapter):
         roll, pitch, (grade, bank) = state.item(ROLL), state.item(PITCH), state[SLOPES].tolist()
         deviation = sqrt(max(snapshot.covariance.item(FORWARD, FORWARD), 0.0))
         steepness = float((np.abs(state[SLOPES]) / self._steepest).max())
-        changing = np.concatenate([snapshot.udot, snapshot.model_wheels.ravel()])
+        vertical = snapshot.model_wheels[2, :4]
+        load = float(vertical.sum()) / (self.vehicle.physics.chassis.mass * GRAVITY)
+        changing = np.concatenate([snapshot.udot, snapshot.model_wheels.ravel()]), vertical
         tilt = tilt_on_map(roll, pitch, grade, bank)
-        return Vitals(tilt, steepness, state.item(FORWARD), deviation, changing)
+        return Vitals(tilt, steepness, state.item(FORWARD), deviation, load, changing)
 
     def aged(self, seconds: float) -> None:
         mean, deviation = self.car.mean, np.sqrt(self.filter.belief().covariance.diagonal())

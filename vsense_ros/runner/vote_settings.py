@@ -20,7 +20,9 @@ class VoteSettings:
     block: int = 20_000_000  # [ns] in which innovations are summed
     rows: int = 128  # messages in a block at most
     jump: float = 9.5  # [-] sum of one block or two: the axis has jumped away from what all others measure
-    confirmed: int = 100_000_000  # [ns] of refusals, after which an axis that is still confirmed is used
+    # [ns] of refusals, after which an axis that is still confirmed is used: as long as the course is that confirms it,
+    # so that it turned as the axis said while this was refused, and not before.
+    confirmed: int = 500_000_000
     redone_after_jump: int = 200_000_000  # [ns] that are filtered again without the axis then
 
     # An alarm: a sum of 0.2 s or 1 s, or a sensor that is refused at large.
