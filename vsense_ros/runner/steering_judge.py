@@ -131,10 +131,12 @@ class SteeringJudge(Judge):
         in_order = intake.is_in_order(self.place)
         heard = self._last or self._started
         unheard = now - heard if in_order else intake.newest_arrival - health.last_received
-        silent = unheard > max(STEERING.unheard, 1e9 * STEERING.periods * health.period)
+        never = not health.last_stamp
+        silent = never or unheard > max(STEERING.unheard, 1e9 * STEERING.periods * health.period)
         if silent and not self._silent:
             timeline.catch_up()
-            self._offset, self._widened = adapter.steering_offset(), heard
+            self._offset = adapter.steering_offset()
+            self._widened = heard - STEERING.unknown if never else heard
         if silent and now - self._widened >= STEERING.period:
             self._widen_until(timeline, now)
         self._silent |= silent

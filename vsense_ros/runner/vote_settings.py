@@ -77,6 +77,7 @@ class SteeringSettings:
     period: int = 50_000_000  # [ns] in which it does
     periods: float = 5.0  # [-] periods of the sensor in which no angle came, after which the driver may have steered
     unheard: int = 100_000_000  # [ns] without any measurement, in which a driver may have steered
+    unknown: int = 1_000_000_000  # [ns] in which it may have come to be what it is, where none came since the start
     before: int = 100_000_000  # [ns] before the contradiction, from which on the angle is not believed
     undecided: int = 500_000_000  # [ns] in which an angle that jumped is not believed yet
     kept: int = 64  # [-] newest angles that may be held
