@@ -114,7 +114,7 @@ road: venv ## forces and attitudes on roads that are not flat, to out/road.json
 truth: venv ## what is published against what it says of itself, on all drives, to out/truth.json
 	$(VENV)/bin/python -m studies truth
 
-# FAULTS="--sample 150 --seed 7" takes other rows, --resume goes on with what was interrupted.
+# FAULTS="--sample 150 --seed 7" takes other rows.
 FAULTS ?=
 faults: venv ## every part of every sensor that fails in every way: 1,040 rows, to out/truth.json
 	$(VENV)/bin/python -m studies faults $(FAULTS)

@@ -393,23 +393,21 @@ def truth(bags: Path, only: tuple[str, ...], quick: bool, processes: int | None,
 @click.option("--sample", default=1040, show_default=True, type=click.IntRange(1), help="Rows, of some 6,000.")
 @click.option("--seed", default=46, show_default=True, help="Of the choice of the rows.")
 @click.option("--only", metavar="WORDS", default="", help="Only rows whose name contains these words.")
-@click.option("--resume", is_flag=True, help="Keep the rows that stand in the file.")
 @click.option("--processes", type=click.IntRange(1), metavar="N", help="Default: as many as there are cores.")
 @click.option("--out", type=NEW_FILE, default=Path("out/truth.json"), show_default=True, help="File.")
-def faults(sample: int, seed: int, only: str, resume: bool, processes: int | None, out: Path) -> None:
+def faults(sample: int, seed: int, only: str, processes: int | None, out: Path) -> None:
     """Let every part of every sensor fail in every way: rows of the systematic table of faults.
 
     A part of a sensor × a kind of fault × 0.3, 1, 5 s or for good × on a straight, in a bend, at standstill, from the
     start × drives: generated, of the RAV4, of the Genesis. Writes the rows to a part of the file that `truth` writes,
-    sixteen at a time, prints the worst and the shares for which each requirement holds, and ends with 1 where one is
-    missed. A row takes three seconds of a core.
+    prints the worst and the shares for which each requirement holds, and ends with 1 where one is missed. A row takes
+    three seconds of a core; what was stopped goes on where it was.
 
     \b
     Examples:
       python -m studies faults
       python -m studies faults --sample 150 --seed 7
       python -m studies faults --only "steering ×0.5"
-      python -m studies faults --resume
     """
     from studies import fault_outcomes as job
     from studies.fault_rows import rows, some_rows
@@ -420,10 +418,10 @@ def faults(sample: int, seed: int, only: str, resume: bool, processes: int | Non
     if not chosen:
         raise InputError(f"expected words of a row such as {rows()[0].name!r}, found {only!r}, which none has")
     with progress("faults") as done:
-        outcomes = job.examine_rows(chosen, out, done, resume=resume, processes=processes)
+        outcomes = job.examine_rows(chosen, out, done, processes=processes)
     console().print(job.table(outcomes))
     if left_out := len(chosen) - len(outcomes):
-        say(f"{left_out} rows left out: their recordings are not here.")
+        say(f"{left_out} rows left out: they failed, or their recordings are not here.")
     say(f"Written to {out}.")
     if missed := job.missed(outcomes):
         say(f"Missed: {'; '.join(missed)}.")

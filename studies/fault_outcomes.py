@@ -27,7 +27,7 @@ from numpy.typing import NDArray
 from rich.table import Table
 
 from studies.fault_rows import GENESIS, PARTS, Phase, Row, Signal, car_of, stretch
-from studies.tasks import Task, pool
+from studies.tasks import Task, kept, pool
 from vsense_ros.assess.faults import LATERAL, RAV4, SIGMAS, USUAL, Run, observe
 from vsense_ros.checks.aligned import stretches
 from vsense_ros.errors import InputError
@@ -48,7 +48,6 @@ Progress = Callable[[float], None]
 LONGEST_OK = 0.5  # [s] of a headline that is OK while the estimate is outside of its standard deviations
 LONGEST_OUT = 2.0  # [s] for which a sensor that is right may be out
 NAMED_WITHIN = 1.0  # [s] after the end of a fault
-BATCH = 16  # rows that are run before their outcomes are written
 WORST = 10  # rows that a summary shows
 # Share of the rows [%] for which each requirement is to hold.
 REQUIRED: Mapping[str, float] = {
@@ -96,25 +95,20 @@ def examine(row: Row) -> RowOutcome:
 
 
 def examine_rows(
-    some: Sequence[Row], path: Path, progress: Progress, *, resume: bool = False, processes: int | None = None
+    some: Sequence[Row], path: Path, progress: Progress, *, processes: int | None = None
 ) -> list[RowOutcome]:
     """Run rows, without those whose recordings are not here, and write the outcomes among what the file `path` has of
-    other examinations, as far as they are done; with `resume` the rows that stand in the file are kept."""
-    file = json.loads(path.read_text(encoding="utf-8")) if path.exists() else {}
-    outcomes = from_json(file.get("faults", {})) if resume else []
-    known = {one.row for one in outcomes}
-    open_rows = [row for row in some if row.name not in known]
+    other examinations. Each is kept beside the file, so that what was stopped goes on where it was."""
     path.parent.mkdir(parents=True, exist_ok=True)
+    tasks = {row.name: Task(4.0, if_here, (row,)) for row in some}
     with pool(processes) as do_tasks:
-        for first in range(0, len(open_rows), BATCH):
-            tasks = [Task(1.0, if_here, (row,)) for row in open_rows[first : first + BATCH]]
-            outcomes += [one for one in do_tasks(tasks, lambda share: None) if one is not None]
-            with atomic_write(path) as stream:
-                json.dump({**file, "faults": as_json(outcomes)}, stream, indent=2)
-                stream.write("\n")
-            progress(min((first + BATCH) / len(open_rows), 1.0))
-    wanted = {row.name for row in some}
-    return [one for one in outcomes if one.row in wanted]
+        found = do_tasks(kept(tasks, path.parent / "fault_rows"), progress)
+    outcomes = [one for one in found if isinstance(one, RowOutcome)]
+    file = json.loads(path.read_text(encoding="utf-8")) if path.exists() else {}
+    with atomic_write(path) as stream:
+        json.dump({**file, "faults": as_json(outcomes)}, stream, indent=2)
+        stream.write("\n")
+    return outcomes
 
 
 def if_here(row: Row) -> RowOutcome | None:
@@ -263,11 +257,6 @@ def missed(outcomes: Sequence[RowOutcome]) -> list[str]:
 def as_json(outcomes: Sequence[RowOutcome]) -> dict[str, dict[str, Any]]:
     """The outcomes by row, ready for JSON."""
     return {one.row: {**{k: v for k, v in asdict(one).items() if k != "row"}, "holds": one.holds} for one in outcomes}
-
-
-def from_json(content: Mapping[str, Mapping[str, Any]]) -> list[RowOutcome]:
-    """The outcomes that `as_json` has written."""
-    return [RowOutcome(name, **{k: v for k, v in one.items() if k != "holds"}) for name, one in content.items()]
 
 
 def table(outcomes: Sequence[RowOutcome]) -> Table:
