@@ -80,6 +80,14 @@ def test_an_accelerometer_that_freezes_is_left_out(car, drive):
     assert (place, one.why) == (4, "is frozen")
 
 
+def test_a_gyro_at_the_end_of_its_range_is_believed_as_soon_as_it_moves_on(car):
+    bend = SineDrive(11.2).recording()  # turns at 0.26 rad/s after 10 s, and at less than 0.22 from 10.75 s on
+    ended = inertial(bend, "angular_velocity", lambda v: np.minimum(v, 0.22), 8.0)
+    runner = fed(ended, car)
+    assert out(runner) == []
+    assert runner.health[list(runner.names).index("imu")].problem == "yaw rate is frozen: not believed any more"
+
+
 def test_an_axis_that_agrees_again_is_believed_again(car, drive):
     longer = SineDrive(18.0).recording()
     moment = inertial(longer, "angular_velocity", lambda v: v + np.array([0.0, 0.0, 0.6]), 10.0, 11.0)

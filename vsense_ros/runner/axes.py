@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections import deque
 from dataclasses import dataclass, field
+from math import nan
 
 import numpy as np
 from numpy.typing import NDArray
@@ -28,6 +29,8 @@ class Out:
     total: float = 0.0  # of innovations, in units of the axis
     value: float = 0.0  # when it was asked last, and how often it had been the same
     same: int = 0
+    stood: float = nan  # value at which it froze, while it may move on from there
+    moved: int = 0  # how often in a row it has been asked since it did
 
 
 @dataclass

@@ -28,13 +28,16 @@ says so by `gain`: all other sensors contradict it through that model.
 
 A vote needs somebody to agree with: where nothing but inertial sensors is there, nobody is taken out. One who is out is
 asked on: once its innovations are as they should be for a while, twice as long each time, it is believed again, with a
-bias that is not known any more, since it may have jumped.
+bias that is not known any more, since it may have jumped. One that was frozen and moves on from the value at which it
+stood was at the end of its range: it measures what it measured before, and is believed at once, whatever the model has
+come to expect meanwhile.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
+from math import nan
 
 import numpy as np
 from numpy.typing import NDArray
@@ -257,7 +260,11 @@ class Vote:
             out.same = out.same + 1 if value == out.value else 0
             out.value = value
             if not np.isfinite(value) or out.same >= VOTE.same:
-                out.agreed_from = 0
+                out.agreed_from = out.moved = 0
+                continue
+            if self._moved_on(axes, axis, out):
+                del axes.out[axis]
+                self.returned.append((axes.index, axis, 0.0))
                 continue
             innovation = self._inertial.innovation_of_axis(axes.channel, event, axis)
             if not out.agreed_from or not innovation.nis <= axes.gate:
@@ -275,6 +282,18 @@ class Vote:
             del axes.out[axis]
             axes.wait[axis] = min(2 * wait, VOTE.longest)
             self.returned.append((axes.index, axis, abs(out.total) / out.count))
+
+    def _moved_on(self, axes: Axes, axis: int, out: Out) -> bool:
+        """True if an axis that was frozen has gone on from the value at which it stood."""
+        if out.value == out.stood:
+            out.moved = 0
+        elif out.moved == 0:
+            noise = float(self._adapter.intake.sensors[axes.index].deviations()[axis])
+            on = abs(out.value - out.stood) <= VOTE.step * noise
+            out.moved, out.stood = (1, out.stood) if on else (0, nan)
+        else:
+            out.moved += 1
+        return out.moved > VOTE.moved
 
     # A vote
 
@@ -307,6 +326,7 @@ class Vote:
         now = timeline.stamp
         for axes, axis, value in self._frozen:
             self._take_out(axes, axis, now, FROZEN, now)
+            axes.out[axis].stood = axes.out[axis].value = value
             self._undo(timeline, now - VOTE.look_back, axes, axis, value)
         since = now - VOTE.redone_after_jump
         if self._jumped and not self._frozen and self._jump_of_steering(timeline, since):

@@ -56,6 +56,8 @@ class VoteSettings:
     # Return of an axis that is left out.
     asked: int = 10_000_000  # [ns] from one innovation of the axis to the next
     same: int = 10  # times that it may repeat its value
+    step: float = 6.0  # [-] standard deviations of its noise, within which it moves on from where it stood
+    moved: int = 10  # times that it has to be elsewhere then
     agreed: int = 1_000_000_000  # [ns] that it has to agree the first time; twice as long each time, up
     longest: int = 60_000_000_000  # [ns] to this
     agrees: float = 4.0  # [-] mean normalized innovation squared meanwhile
