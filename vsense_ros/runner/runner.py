@@ -34,6 +34,7 @@ from vsense_ros.runner.force_judge import ForceJudge
 from vsense_ros.runner.guard import Guard
 from vsense_ros.runner.judge import Judges, moving_event
 from vsense_ros.runner.latency_judge import LatencyJudge
+from vsense_ros.runner.linkage_judge import LinkageJudge
 from vsense_ros.runner.outage_judge import OutageJudge
 from vsense_ros.runner.placement import Placement
 from vsense_ros.runner.receiver_judge import ReceiverJudge
@@ -85,7 +86,8 @@ class Runner:
         self.latency = LatencyJudge(adapter, self.vote, len(channels))
         judges = (
             self.latency,
-            FitJudge(adapter, self._all_believed, len(channels)),
+            FitJudge(adapter, self._all_believed, self.latency, len(channels)),
+            LinkageJudge(adapter, len(channels)),
             ForceJudge(adapter, lambda: any(self.vote.out)),
             ReceiverJudge(adapter),
             OutageJudge(adapter, self.intake),
