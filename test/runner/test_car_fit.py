@@ -106,6 +106,13 @@ def test_an_antenna_elsewhere_is_said_with_its_place() -> None:
     assert abs(antenna.value - (ARM - 0.8)) < 3 * antenna.deviation < 0.6
 
 
+@pytest.mark.parametrize("ahead", [-0.8, 0.0])
+def test_where_the_antenna_sits_is_known_within_its_deviation(ahead):
+    further, deviation = driven(60.0, ahead=ahead).further
+    assert abs(further - ahead) < 3 * deviation
+    assert deviation < 0.5 * CAR_FIT.place_spread
+
+
 def test_soft_rear_tyres_are_said_as_slip_and_as_less_understeer() -> None:
     fit = driven(rear=0.5)
     slip = found(fit)["slip"]
@@ -156,3 +163,5 @@ def test_the_antenna_of_the_other_site_is_said_to_sit_at_the_rear_axle() -> None
     text = headline(genesis_drive("genesis_other_site", "rfs_lk_test_vg.mat"), "genesis_identified")
     assert "says: GNSS antenna ahead of the rear axle -0." in text
     assert "ratio" not in text
+    assert "GNSS antenna is taken to sit 1." in text
+    assert "m behind where the vehicle file says" in text

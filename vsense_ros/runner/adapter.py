@@ -203,6 +203,11 @@ class Adapter(ABC):
         """What is to be widened where velocities may be wrong by so much, and the place by `way` [m]."""
         return []
 
+    def place_antennas(self, ahead: float, bend: float) -> list[Widening]:
+        """Take GNSS antennas to sit so much further ahead than the vehicle file says [m]; what is to be widened then,
+        as it was wrong in bends of a curvature [1/m]."""
+        return []
+
     # Resets
 
     def difference(self, event: Event, innovation: Innovation) -> tuple[Array, Array] | None:

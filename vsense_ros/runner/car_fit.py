@@ -65,6 +65,12 @@ class CarFitSettings:
     course_lag: float = 0.05  # [s] that a receiver or a bus may be late
     place_spread: float = 2.0  # [m]
     slip_spread: float = 0.5  # [-]
+    # An antenna that is taken to sit elsewhere, by blocks of `quick_block`.
+    place_blocks: int = 120  # [-] that are remembered: 8 minutes
+    place_least: int = 3  # [-] blocks before
+    place_sure: float = 4.0  # [-] standard deviations, and
+    place_far: float = 0.5  # [m] that it sits off at least
+    place_error: float = 0.1  # [m] by which tyres unlike the file's may shift it
     # What a file may differ by without a word, beside so many standard deviations of the estimate, and how often.
     sure: float = 3.0  # [-]
     confirmed: int = 3  # [-] times in a row
@@ -128,6 +134,8 @@ class CarFit:
         self._steering_blocks: deque[tuple[Array, Array]] = deque(maxlen=CAR_FIT.blocks)
         self._course_blocks: deque[tuple[Array, Array]] = deque(maxlen=CAR_FIT.blocks)
         self._quick_blocks: deque[tuple[Array, Array]] = deque(maxlen=CAR_FIT.blocks)
+        self._place_blocks: deque[tuple[Array, Array]] = deque(maxlen=CAR_FIT.place_blocks)
+        self.further = 0.0, 0.0  # [m] that the antenna sits further ahead than by the file, and the deviation of that
         self._gross: list[Quantity] = []  # estimates of the steering ratio that differ grossly, in a row
         self.largest_angle = 0.0  # [rad] largest root mean square of the steering angle over such a block
         self._streaks: dict[str, int] = {}  # how often in a row a quantity has differed, by its words
@@ -177,6 +185,10 @@ class CarFit:
     def _end_quick_block(self) -> None:
         """Ask whether the steering ratio is grossly another one, of the steps since that was asked last."""
         steps, self._quick = self._steps[self._quick :], len(self._steps)
+        rows = self._course_rows(steps, self._courses)
+        if rows is not None:
+            self._place_blocks.append(rows)
+            self.further = self._found_further()
         angles = np.array([one.angle for one in steps])
         if not np.isfinite(angles).all():
             return
@@ -253,12 +265,29 @@ class CarFit:
         if len(self._steering_blocks) >= s.least:
             yield from self._of_steering(self._steering_blocks, s.ratio)
         if len(self._course_blocks) >= s.least:
-            prior = np.array([s.bias_spread, s.scale_spread, s.course_lag, s.place_spread, s.slip_spread])
-            course = _fitted(self._course_blocks, np.array([0.0, 0.0, 0.0, self._arm, 1.0]), prior)
+            course = _fitted(self._course_blocks, *self._before_courses())
             (*_, arm, slip), (*_, spread, spread_of_slip) = course.values.tolist(), course.deviations.tolist()
             yield Quantity("GNSS antenna ahead of the rear axle", "m", self._arm, arm, spread, s.place)
             words = "slip angle of the rear axle per lateral acceleration"
             yield Quantity(words, "", 1.0, slip, spread_of_slip, s.slip)
+
+    def forget_places(self) -> None:
+        """Stamps were others than was believed, which looks like an antenna elsewhere: begin anew."""
+        self._place_blocks.clear()
+        self.further = 0.0, 0.0
+
+    def _found_further(self) -> tuple[float, float]:
+        """As `further`, once the newest blocks are enough; one bend at low speed is."""
+        if len(self._place_blocks) < CAR_FIT.place_least:
+            return 0.0, 0.0
+        course = posterior(self._place_blocks, *self._before_courses())
+        return course.values.item(3) - self._arm, hypot(course.deviations.item(3), CAR_FIT.place_error)
+
+    def _before_courses(self) -> tuple[Array, Array]:
+        """Means and standard deviations of the coefficients of the course before the drive."""
+        s = CAR_FIT
+        deviations = [s.bias_spread, s.scale_spread, s.course_lag, s.place_spread, s.slip_spread]
+        return np.array([0.0, 0.0, 0.0, self._arm, 1.0]), np.array(deviations)
 
     def _of_steering(self, blocks: Sequence[tuple[Array, Array]], tolerance: float) -> Iterator[Quantity]:
         """The steering ratio, which may differ by a `tolerance` without a word, and the understeer gradient."""

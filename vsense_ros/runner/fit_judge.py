@@ -1,16 +1,23 @@
 """Is it the car of the vehicle file? Watched over minutes, and said with numbers where it surely is not; a steering
-ratio that is grossly another one within seconds of driving, from which on the steering angle has the noise of that."""
+ratio that is grossly another one within seconds of driving, from which on the steering angle has the noise of that.
+
+An antenna that sits elsewhere shows in the first bend that is driven slowly, as its course turns by r x / V. Once that
+is certain the filter takes it to be there, and the place, the lateral velocity and the heading have the standard
+deviation that is left of it.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Callable
-from math import nan
+from math import exp, nan
 
 from vsense_ros.estimation.timeline import Event, Timeline
 from vsense_ros.model.sensors import place_of
-from vsense_ros.runner.adapter import Adapter, Widening
+from vsense_ros.runner.adapter import Adapter, Apart, Widening
 from vsense_ros.runner.car_fit import CAR_FIT, CarFit
 from vsense_ros.runner.judge import Judge, widening_event
+from vsense_ros.runner.lag_doubt import DOUBT
+from vsense_ros.runner.latency_judge import LatencyJudge
 from vsense_ros.runner.vote_settings import STEERING
 
 _STEERED_FOR = 0.5  # [s] for which drivers hold an angle, before its error is another one
@@ -18,11 +25,16 @@ _STEERED_FOR = 0.5  # [s] for which drivers hold an angle, before its error is a
 
 class FitJudge(Judge):
     """Compares the car with its vehicle file by gyro, course and steering, while `are_believed()` says that no sensor
-    has been left out for long. It leaves nobody out. `shift` is the channel of events by hand."""
+    has been left out for long; `latency` knows whose stamps are late. It leaves nobody out. `shift` is the channel of
+    events by hand."""
 
-    def __init__(self, adapter: Adapter, are_believed: Callable[[], bool], shift: int) -> None:
+    def __init__(self, adapter: Adapter, are_believed: Callable[[], bool], latency: LatencyJudge, shift: int) -> None:
         super().__init__()
-        self._adapter, self._are_believed, self._shift = adapter, are_believed, shift
+        self._adapter, self._are_believed, self._latency, self._shift = adapter, are_believed, latency, shift
+        self._stamps_of = 0  # `changes` of the stamps that courses were compared with
+        self._further = 0.0, 0.0  # [m] that the antenna is taken to sit further ahead, and its standard deviation
+        self._rate = 0.0  # [rad/s] of the last block
+        self._bend = 0.0  # [1/m] curvature of the bends of late, for as long as the filter corrects a heading
         self._widened = 0  # when the steering's error was last given time to change [ns]
         sensors = tuple(adapter.sensors.values())
         self._steering, self._course = (place_of(sensors, what) for what in ("steering", "course"))
@@ -36,7 +48,18 @@ class FitJudge(Judge):
     @property
     def doubts(self) -> list[str]:
         differing = "; ".join(one.sentence() for one in self._fit.differing)
-        return [f"does not drive as the vehicle file says: {differing}"] if differing else []
+        said = [f"does not drive as the vehicle file says: {differing}"] if differing else []
+        ahead, deviation = self._further
+        if ahead:
+            where = "ahead of" if ahead > 0 else "behind"
+            sits = f"GNSS antenna is taken to sit {abs(ahead):.1f} ± {deviation:.1f} m {where}"
+            said.append(f"{sits} where the vehicle file says")
+        return said
+
+    @property
+    def apart(self) -> Apart | None:
+        deviation = self._further[1]
+        return Apart(across=DOUBT.sideways * abs(self._rate) * deviation, place=deviation) if deviation else None
 
     def forget(self, stamp: int) -> None:
         self._fit.forget()
@@ -45,6 +68,9 @@ class FitJudge(Judge):
         self._fit.travel(event.stamp, *event.value.tolist()[:2])
 
     def feel(self, stamp: int, h: float, felt: list[float]) -> None:
+        self._rate, speed = felt[2], abs(self._adapter.forward_speed)
+        bend = abs(felt[2]) / max(speed, CAR_FIT.slowest)
+        self._bend = max(bend, self._bend * exp(-h / DOUBT.corrected))
         if not 0 <= stamp - self._asked < CAR_FIT.asked:
             self._asked, self._believed = stamp, self._are_believed()
         if self._believed:
@@ -53,7 +79,21 @@ class FitJudge(Judge):
         else:
             self._fit.forget()
 
+    def _place_antenna(self, timeline: Timeline) -> None:
+        """Take the antenna to sit where the courses say, if that is certain, and none of their stamps may be late."""
+        if self._latency.changes != self._stamps_of:
+            self._stamps_of = self._latency.changes
+            self._fit.forget_places()
+        ahead, deviation = self._fit.further
+        sure = abs(ahead) > max(CAR_FIT.place_sure * deviation, CAR_FIT.place_far)
+        if (ahead, deviation) == self._further or not sure or self._latency.seems_late:
+            return
+        self._further = ahead, deviation
+        for change in self._adapter.place_antennas(ahead, self._bend):
+            timeline.add(widening_event(self._shift, timeline.stamp, change))
+
     def settle(self, timeline: Timeline) -> None:
+        self._place_antenna(timeline)
         gross, error, now = self._fit.gross_ratio, self._adapter.steering_error, timeline.stamp
         if gross is None or error is None:
             self._widened = now

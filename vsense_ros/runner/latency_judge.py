@@ -12,6 +12,7 @@ from vsense_ros.estimation.timeline import Event, Timeline
 from vsense_ros.model.handling.base import car_numbers
 from vsense_ros.runner.adapter import Adapter, Apart, Move
 from vsense_ros.runner.judge import Judge, moving_event, widening_event
+from vsense_ros.runner.lag_doubt import GAIN
 from vsense_ros.runner.latency import Latencies
 from vsense_ros.runner.velocity_witnesses import SETTINGS
 from vsense_ros.runner.vote import Vote
@@ -37,6 +38,7 @@ class LatencyJudge(Judge):
             softer = car["to_rear"] / car["front_stiffness"] - car["to_front"] / car["rear_stiffness"]
             self._understeer = max(car["mass"] / self._base * softer, 0.0)  # [s²/m] of the single-track model
         self._late: dict[int, int] = {}  # that are not in time [ns]
+        self.changes = 0  # how often others have turned out to be late
 
     def hear_first(self, event: Event) -> None:
         """Take in a reading with the stamp of its message, and give it the time at which it was made."""
@@ -44,6 +46,11 @@ class LatencyJudge(Judge):
             self.latencies.hear(event)
             if self._late:
                 event.stamp -= self._late.get(event.sensor, 0)
+
+    @property
+    def seems_late(self) -> bool:
+        """True while one sensor feels the car gain speed later than another, or may do so."""
+        return self.latencies is not None and self.latencies.doubt.lags[GAIN] > 0
 
     @property
     def doubts(self) -> list[str]:
@@ -85,7 +92,7 @@ class LatencyJudge(Judge):
         latencies = self.latencies
         if latencies is None or not latencies.look(timeline.stamp):
             return
-        before = self._late
+        before, self.changes = self._late, self.changes + 1
         self._late = {index: round(late.seconds * 1e9) for index, late in latencies.late.items()}
         changes = {i: self._late.get(i, 0) - before.get(i, 0) for i in {*before, *self._late}}
         ahead = timeline.rewind(timeline.stamp - VOTE.look_back)

@@ -20,6 +20,7 @@ from vsense_ros.model.car.pose import tilt_on_map
 from vsense_ros.model.constants import GRAVITY
 from vsense_ros.model.coordinates import PITCH, ROLL, SPIN, STEERING_OFFSET, YAW, X, Y
 from vsense_ros.model.sensors import SensorBase
+from vsense_ros.model.sensors.gnss import Antenna
 from vsense_ros.model.vehicle import Vehicle, left_out_of_observer
 from vsense_ros.observer.alignment import Alignment
 from vsense_ros.observer.balance import Balance
@@ -50,6 +51,7 @@ class CarAdapterSettings:
     spin_deviation: float = 2.0  # [rad/s] of the spin of a wheel once the speed has been moved
     settled: float = 1.0  # [s] from the start on before which nothing counts as converged
     bent: float = 0.06  # [rad] deviation of a heading from which on it bends a velocity; one by a course has 0.05
+    turned: float = 0.2  # [rad] that an antenna elsewhere has turned the heading by, at most
     alike: float = 0.9  # correlation of the errors of two parameters that can hardly be told apart
 
 
@@ -231,6 +233,17 @@ class CarAdapter(Adapter):
         elements = [(FORWARD, apart.ahead), (LATERAL, apart.across), (X, way), (Y, way)]
         elements += [(U.start + place, spin) for place in _SPINS]
         return [Widening(element, deviation**2) for element, deviation in elements]
+
+    def place_antennas(self, ahead: float, bend: float) -> list[Widening]:
+        moved = 0.0
+        for sensed in self.car.sensed.values():
+            sensor = self.car.sensor_list[sensed.index]
+            if isinstance(sensor, Antenna):
+                place = sensor.mounting().item(0) + ahead
+                moved, sensed.mounting[0] = abs(place - sensed.mounting.item(0)), place
+        turned = min(bend * moved, SETTINGS.turned)
+        across = turned * abs(self.forward_speed)
+        return [*self.doubted_motion(Apart(across=across), moved), Widening(YAW, turned**2)]
 
     # Resets
 
