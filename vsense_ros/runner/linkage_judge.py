@@ -22,7 +22,7 @@ class LinkageSettings:
     """What is not known of a linkage: decisions of this project."""
 
     bend: float = 1 / 6  # [1/rad²] error of the road-wheel angle over the cube of it
-    least: float = 1e-7  # [rad²] of a change of variance that is worth an event: of angles below 0.12 rad none is
+    least: float = 5e-6  # [rad²] of a change of variance that is worth an event: of angles below 0.24 rad none is
 
 
 LINKAGE = LinkageSettings()
