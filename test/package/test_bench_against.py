@@ -49,9 +49,35 @@ def test_a_part_that_one_checkout_does_not_have_says_so_and_has_no_ratio(against
 def test_ratios_stand_beside_what_the_benchmarks_have_left(against: ModuleType, tmp_path: Path) -> None:
     path = tmp_path / "bench.json"
     path.write_text('{"benchmarks": [1]}')
-    results = {"step": against.Compared(2.0, 1.0), "new": against.Compared(math.nan, math.nan, "does not run there")}
+    results = {
+        "step": against.Compared(2.0, 1.0),
+        "read mcap": against.Compared(1e-6, 2e-6),
+        "new": against.Compared(math.nan, math.nan, "does not run there"),
+    }
     against.keep(results, "abc1234", path)
-    assert json.loads(path.read_text()) == {"benchmarks": [1], "against": {"step": 2.0}, "against_revision": "abc1234"}
+    assert json.loads(path.read_text()) == {
+        "benchmarks": [1],
+        "against": {"step": 2.0, "read mcap": 0.5},
+        "against_revision": "abc1234",
+        "io": {"read mcap": 1.0},
+    }
+
+
+def test_the_figures_of_goals_are_ratios_of_medians_of_one_run(against: ModuleType) -> None:
+    def benchmark(name: str, median: float, **told: float) -> dict[str, object]:
+        return {"name": name, "stats": {"median": median}, "extra_info": told}
+
+    benchmarks = [
+        benchmark("test_general_filter[filterpy_ekf]", 4e-5),
+        benchmark("test_error_ekf", 1e-5),
+        benchmark("test_recording[compiled-RAV4, comma2k19]", 1.0, realtime_factor=30.04),
+        benchmark("test_sensor_stamp_to_odometry_at_250_hz", 1.0, p50_ms=1.0, p99_ms=2.0),
+    ]
+    assert importlib.import_module("benchmarks").summary({"benchmarks": benchmarks}) == {
+        "ratios": {"error_ekf": 0.25},
+        "run_realtime": {"compiled-RAV4, comma2k19": 30.0},
+        "node": {"p50_ms": 1.0, "p99_ms": 2.0},
+    }
 
 
 def test_the_job_of_a_part_is_one_that_takes_time(against: ModuleType, tmp_path: Path) -> None:
