@@ -157,7 +157,7 @@ def test_steps_coarser_than_those_of_series_sensors_are_named_with_their_size(st
     assert [f.evidence["step"] for f in found] == ([pytest.approx(step)] if step > 0.008 else [])
     for finding in found:
         assert (finding.kind, finding.reason, finding.signal) == (Kind.QUANTISED, Reason.COARSE, "angular_velocity.x")
-        assert finding.names == {"unit": "", "also": ""}
+        assert finding.names == {"unit": " rad/s", "also": ""}
 
 
 def test_of_several_coarse_signals_the_coarsest_is_named_and_the_others_beside_it():

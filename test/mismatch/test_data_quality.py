@@ -253,7 +253,7 @@ def test_of_a_sensor_that_lies_otherwise_the_axis_that_is_wrong_in_the_car_is_le
 def test_coarse_steps_are_said():
     coarse = changed("imu/data", RATES, lambda w: np.round(w / 0.0223) * 0.0223)
     said = " ".join(steps_in_words([coarse(driven(prototype(), "slalom"))], prototype()))
-    assert "has steps of 0.0223" in said
+    assert "has steps of 0.0223 rad/s" in said
     assert "angular_velocity.z" in said
     assert not steps_in_words([driven(prototype(), "slalom")], prototype())
 

@@ -26,6 +26,7 @@ Array = NDArray[np.float64]
 class SignalLimits:
     """What a car does at most to one kind of signal, in its SI unit."""
 
+    unit: str
     fastest: float  # change per second that a car makes
     noise: float  # change from one message to the next below which noise of any sensor stays
     resolution: float  # step of the values that raises no question
@@ -35,12 +36,12 @@ class SignalLimits:
 # on a dry road stops within 0.15 s; hands turn a steering wheel by 20 rad/s at most; resolutions are twice those of
 # series sensors (Bosch SMI, CAN databases of `config/can`).
 LIMITS: Mapping[str, SignalLimits] = {
-    "angular_velocity": SignalLimits(60.0, 0.25, 0.008),
-    "linear_acceleration": SignalLimits(2000.0, 6.0, 0.15),
-    "velocity": SignalLimits(600.0, 2.0, 0.3),
-    STEERING_WHEEL: SignalLimits(20.0, 0.05, 0.035),
-    ROAD_WHEEL: SignalLimits(2.0, 0.02, 0.0035),
-    "linear": SignalLimits(30.0, 1.5, 0.08),
+    "angular_velocity": SignalLimits("rad/s", 60.0, 0.25, 0.008),
+    "linear_acceleration": SignalLimits("m/s²", 2000.0, 6.0, 0.15),
+    "velocity": SignalLimits("rad/s", 600.0, 2.0, 0.3),
+    STEERING_WHEEL: SignalLimits("rad", 20.0, 0.05, 0.035),
+    ROAD_WHEEL: SignalLimits("rad", 2.0, 0.02, 0.0035),
+    "linear": SignalLimits("m/s", 30.0, 1.5, 0.08),
 }
 
 
@@ -144,7 +145,8 @@ def quantised(subject: Subject, _: Sequence[Finding]) -> Iterator[Finding]:
             name = max(coarse, key=lambda one: coarse[one])
             reason = Reason.COARSE if len(coarse) == 1 else Reason.COARSE_LIKEWISE
             also = ", ".join(other for other in coarse if other != name)
-            names = {"unit": " deg" if role == Role.POSITION else "", "also": also}
+            limits = None if role == Role.POSITION else limits_of(role, name)
+            names = {"unit": " deg" if limits is None else f" {limits.unit}", "also": also}
             evidence = {"step": coarse[name]}
             yield Finding(channel.topic, Kind.QUANTISED, reason, name, evidence=evidence, names=names)
 

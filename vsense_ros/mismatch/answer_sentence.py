@@ -55,7 +55,7 @@ def conditions(answer: Answer, known: Sequence[Beforehand], left_out: Sequence[s
         rest = f"; and {more} more, which the remarks list" if more > 0 else ""
         said += f" In the recordings themselves: {'; '.join(defects[:DEFECTS_SAID])}{rest}."
     if left_out:
-        said += f" Left out of the comparison: {'; '.join(left_out)}."
+        said += f" Left out of the comparison: {'; '.join(left_out)}{'' if left_out[-1].endswith('?') else '.'}"
     return said
 
 
