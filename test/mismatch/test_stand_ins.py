@@ -15,7 +15,13 @@ from vsense_ros.identification.normal_equations import NormalEquations
 from vsense_ros.messages.recording import Recording
 from vsense_ros.mismatch.residuals import Residuals
 from vsense_ros.mismatch.simulation import Predictor
-from vsense_ros.mismatch.stand_ins import is_symmetric, least_with, separated_by_other_side, side_of_bends
+from vsense_ros.mismatch.stand_ins import (
+    is_symmetric,
+    least_with,
+    seen_of_banks,
+    separated_by_other_side,
+    side_of_bends,
+)
 from vsense_ros.mismatch.windows import build_dataset
 from vsense_ros.model.effects import BY_ID
 from vsense_ros.model.effects.base import CORNERS, role
@@ -32,6 +38,22 @@ def residuals(*manoeuvres: str) -> Residuals:
 )
 def test_bends_to_one_side_alone_are_recognised(manoeuvres, side):
     assert side_of_bends(residuals(*manoeuvres)) == side
+
+
+@pytest.mark.parametrize(("bank", "said"), [(-0.3, True), (0.0, False)])
+def test_of_a_car_without_a_lateral_accelerometer_its_gyro_shows_how_far_a_bend_is_banked(bank, said):
+    of_flat = residuals("bend")
+    on_bank = of_flat.predictor.start.changed({"effects.road_bank.bank": bank})
+    measured = [dict(signals) for signals in of_flat.predictor.simulated(on_bank)]
+    of_flat.predictor.measured = measured
+    assert not seen_of_banks(of_flat)
+    for signals in measured:
+        del signals["lateral_acceleration"]
+    remark = seen_of_banks(of_flat)
+    assert bool(remark) == said
+    if said:
+        degrees = float(remark.split("a bank of ")[1].split("°")[0])
+        assert degrees == pytest.approx(-np.degrees(bank), abs=2.0)
 
 
 def test_an_antenna_beside_the_middle_and_a_tyre_radius_are_separated_by_bends_to_the_other_side():

@@ -15,12 +15,14 @@ from operator import itemgetter
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.integrate import cumulative_trapezoid
 
 from vsense_ros.checks.setting import JUDGEMENT, setting
 from vsense_ros.identification.normal_equations import NormalEquations
 from vsense_ros.mismatch.candidates import Candidate
 from vsense_ros.mismatch.residuals import Residuals
 from vsense_ros.mismatch.search import Search
+from vsense_ros.mismatch.signals import grid
 from vsense_ros.mismatch.tables import base_name
 from vsense_ros.mismatch.thresholds import THRESHOLDS
 from vsense_ros.mismatch.verdict import Judged
@@ -38,6 +40,8 @@ class StandInSettings:
     most: int = setting(3, "-", "effects that are listed for a base parameter", JUDGEMENT)
     other_side: float = setting(0.02, "-", "share of the squared yaw rate, below which a side is missing", JUDGEMENT)
     least_yaw_rate: float = setting(0.03, "rad/s", "root mean square of the yaw rate of a drive with bends", JUDGEMENT)
+    turning_over: float = setting(2.0, "s", "over which a gyro and the course are compared", JUDGEMENT)
+    banked: float = setting(0.02, "-", "by which a gyro reads less than the course turns on a banked road", JUDGEMENT)
 
 
 SETTINGS = StandInSettings()
@@ -128,6 +132,42 @@ def side_of_bends(residuals: Residuals) -> str:
     return "left" if left > 1 - SETTINGS.other_side else ""
 
 
+def seen_of_banks(residuals: Residuals) -> str:
+    """A remark on how far the bends may be banked where no lateral acceleration is measured; empty for nothing.
+
+    A gyro that leans with the road reads the cosine of the bank times the rate at which the course turns. That is of
+    second order in the bank, so that no secant at a likely size shows it, and a gyro of another scale does the same.
+    """
+    turns: dict[str, list[Array]] = {}
+    predictor = residuals.predictor
+    for window, measured in zip(predictor.dataset.windows, predictor.measured, strict=True):
+        if "lateral_acceleration" in measured:
+            return ""
+        if {"yaw_rate", "course"} <= measured.keys():
+            step = float(np.diff(grid(window)[:2])[0])
+            over = round(SETTINGS.turning_over / step)
+            angle = cumulative_trapezoid(measured["yaw_rate"], dx=step, initial=0)
+            both = [np.unwrap(measured["course"]), angle]
+            turns.setdefault(window.name, []).append(np.array([of[over:] - of[:-over] for of in both]))
+    ratios = {}
+    for name, parts in turns.items():
+        course, gyro = np.concatenate(parts, axis=1)
+        bends = np.sqrt(np.mean(course**2)) > SETTINGS.least_yaw_rate * SETTINGS.turning_over
+        ratio = float(course @ gyro) / max(float(course @ course), 1e-12)
+        if bends and 0.5 < ratio < 1 - SETTINGS.banked:
+            ratios[name] = ratio
+    if not ratios:
+        return ""
+    listed = (
+        f"{ratio:.3f} in {name} (a bank of {np.degrees(np.arccos(ratio)):.0f}°)" for name, ratio in ratios.items()
+    )
+    if max(ratios.values()) - min(ratios.values()) > SETTINGS.banked / 2:
+        cause = "in bends that are banked; a gyro of another scale would read as much too little in each of them"
+    else:
+        cause = "in bends that are banked, or with a gyro of another scale"
+    return f"the gyro reads less than the course turns, by a factor of {', '.join(listed)}, as it does {cause}"
+
+
 def is_symmetric(name: str) -> bool:
     """True if a number of the car, by its dotted name, means the same where left and right are exchanged."""
     parts = name.split(".")
@@ -144,10 +184,12 @@ def separated_by_other_side(names: Sequence[str]) -> bool:
 def what_looks_alike(search: Search, judged: Judged) -> tuple[list[str], str]:
     """Remarks on what an answer cannot distinguish, and what to drive to distinguish it, in words; empty for nothing.
 
-    Where nothing is named these are effects for which base parameters may stand in, where several explanations remain
-    it is these that bends to the other side would help to distinguish.
+    Always these are bends that may be banked, as far as a gyro and the course show it. Where nothing is named these are
+    effects for which base parameters may stand in, where several explanations remain it is these that bends to the
+    other side would help to distinguish.
     """
-    side, said, asymmetric = side_of_bends(search.residuals), [], False
+    side, asymmetric = side_of_bends(search.residuals), False
+    said = [remark for remark in [seen_of_banks(search.residuals)] if remark]
     if judged.verdict in ("unknown", "no_mismatch"):
         for one in stand_ins(search):
             said.append(_remark(one))
