@@ -89,6 +89,7 @@ setup(
             f"accelerator = {PACKAGE}.node.observer_accelerator:Accelerator",
             f"identification = {PACKAGE}.node.observer_identification:Identification",
             f"mass = {PACKAGE}.node.observer_mass:Mass",
+            f"trailer = {PACKAGE}.node.observer_trailer:TrailerBehind",
             f"tyres = {PACKAGE}.node.observer_tyres:Tyres",
         ],
     },

@@ -1,7 +1,8 @@
-"""Pictures of the README and of the first page of the documentation: `python tools/pictures.py` writes both anew.
+"""Pictures of the README and of the first page of the documentation: `python tools/pictures.py` writes all anew.
 
 `estimate.png` shows the observer on the committed bag `bags/double_lane_change`, and `explain.svg` is the first picture
-of the committed report on a real car, `docs/examples/genesis/report.html`.
+of the committed report on a real car, `docs/examples/genesis/report.html`. `trailer.png` shows the sway of a trailer
+that is loaded a little behind its axle, beside that of the same one with a usual load.
 """
 
 from __future__ import annotations
@@ -13,6 +14,7 @@ from io import BytesIO
 from pathlib import Path
 
 import matplotlib
+import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
@@ -23,7 +25,11 @@ from vsense_ros.evaluate.picture import BAND, ESTIMATE, STYLE, TRUTH, WHEEL_COLO
 from vsense_ros.evaluate.signals import Series, read_signals
 from vsense_ros.files.installed import vehicle_path
 from vsense_ros.files.vehicle import load_vehicle
+from vsense_ros.identification.combination import SingleTrack, critical_speed, damping_ratio
+from vsense_ros.identification.towing import Towing
+from vsense_ros.manoeuvre import generate
 from vsense_ros.messages.recording import Recording
+from vsense_ros.model.trailer import Trailer
 from vsense_ros.runner import run
 
 ROOT = Path(__file__).parents[1]
@@ -72,6 +78,39 @@ def _lateral_forces(axes: Axes, estimates: Mapping[str, Series], truths: Mapping
     axes.set_ylim(-1.3, 1.9)
 
 
+def trailer() -> Figure:
+    """Articulation of two trailers after the same steering, by the filter of the trailer without a sensor of it, and
+    damping ratios over speed."""
+    figure = Figure(figsize=(10.0, 5.6), facecolor="white", layout="constrained")
+    FigureCanvasAgg(figure)
+    upper, lower = figure.subplots(2, 1)
+    upper.set_title("Articulation angle [°] after a turn of the steering wheel at 90 km/h")
+    lower.set_title("Damping ratio of the sway: none where it begins to grow")
+    speeds = np.arange(40, 161, 2) / 3.6
+    car = load_vehicle(vehicle_path("rav4"))
+    for nose_load, colour in ((70.0, ESTIMATE), (-30.0, WHEEL_COLOURS["rr"])):
+        towed, label = Trailer(mass=1400, nose_load=nose_load), f"1400 kg, {nose_load:.0f} kg on the hitch"
+        towing_car = car.model_copy(update={"physics": car.physics.model_copy(update={"trailer": towed})})
+        recording = generate("trailer_sway", towing_car)
+        samples, truth = Towing(towing_car).take(recording), recording["reference/articulation"]
+        begin = truth.stamp[0]
+        t = np.array([(sample.stamp - begin) * 1e-9 for sample in samples])
+        angle, deviation = (np.degrees([s.values[k][0] for s in samples]) for k in ("position", "velocity"))
+        upper.fill_between(t, angle - 2 * deviation, angle + 2 * deviation, color=colour, alpha=0.2, lw=0.0)
+        upper.plot(t, angle, color=colour, label=label)
+        upper.plot((truth.stamp - begin) * 1e-9, np.degrees(truth.columns["position"]), color=TRUTH, ls=(0, (4, 3)))
+        single_track = SingleTrack.of(car)
+        lower.plot(speeds * 3.6, [damping_ratio(single_track, towed, v) for v in speeds], color=colour, label=label)
+        print(f"{label}: critical speed {critical_speed(single_track, towed) or np.nan:.1f} m/s")
+    upper.set_xlim(1.5, 12.0)
+    upper.set_ylim(-6, 6)
+    upper.set_xlabel("time [s]; dashed: truth, without a sensor of the angle; bands: ±2 standard deviations")
+    lower.axhline(0.0, color=TRUTH, lw=0.8)
+    lower.set_xlabel("speed [km/h]")
+    upper.legend(loc="upper right", ncols=2)
+    return figure
+
+
 def _curve(series: Series, start: int) -> tuple[object, object]:
     return (series.stamp - start) * 1e-9, series.shown()
 
@@ -89,6 +128,7 @@ def main() -> None:
     PICTURES.mkdir(parents=True, exist_ok=True)
     with matplotlib.rc_context(dict(STYLE)):
         _save_compact(estimate(recording, result.output), PICTURES / "estimate.png")
+        _save_compact(trailer(), PICTURES / "trailer.png")
     embedded = EMBEDDED.search(REPORT.read_text(encoding="utf-8"))
     if embedded is None:
         raise SystemExit(f"{REPORT} has no picture: vsense explain writes one")

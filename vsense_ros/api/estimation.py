@@ -24,8 +24,9 @@ from vsense_ros.evaluate.metrics import SignalScore, compare
 from vsense_ros.evaluate.reference import REFERENCE, as_smoothed, at_reference, judged_by, mounting_in_words
 from vsense_ros.evaluate.signals import read_signals
 from vsense_ros.identification.averages import AVERAGES
-from vsense_ros.identification.mass_and_grade import mass_in
-from vsense_ros.identification.tyre_radii import radii_in
+from vsense_ros.identification.mass_and_grade import MassAndGrade, mass_in
+from vsense_ros.identification.towing import Towing, towing_in
+from vsense_ros.identification.tyre_radii import TyreRadii, radii_in
 from vsense_ros.messages.diagnostic import Diagnostic
 from vsense_ros.messages.recording import Recording
 from vsense_ros.model.sensors import unheard
@@ -186,23 +187,21 @@ def estimate_task(
         place, compared = mounting_in_words(car), replace(estimation, output=at_reference(estimation.output, car))
     else:
         place, compared = f"Compared with the topics {against}/….", estimation
-    compared = replace(compared, diagnostics=[*compared.diagnostics, *_of_long_horizon(recording, car)])
+    compared = replace(compared, diagnostics=[*compared.diagnostics, *_beside(recording, car)])
     notes = tuple(sentence for sentence in (place, *absent) if sentence)
     title = f"{recording.name}, {car.name}"
     drive = Drive.of(recording.name, title, recording, compared, vehicle=car, way="without ROS", notes=notes)
     return Result(drive, estimation.output, car, estimation.parameters, estimation.failure)
 
 
-def _of_long_horizon(recording: Recording, car: Vehicle) -> list[Diagnostic]:
-    """What filters of slowly changing quantities say at the end of a recording that has the sensors they need, and is
-    long enough for them."""
-    if recording.duration < AVERAGES.shortest:
-        return []
-    return [
-        estimator.diagnostic()
-        for estimator in (radii_in(recording, car), mass_in(recording, car))
-        if estimator is not None
-    ]
+def _beside(recording: Recording, car: Vehicle) -> list[Diagnostic]:
+    """What filters beside the observer say at the end of a recording that has the sensors they need, and is long enough
+    for them."""
+    towing = towing_in(recording, car)
+    found: list[TyreRadii | MassAndGrade | Towing | None] = [towing]
+    if recording.duration >= AVERAGES.shortest:
+        found = [radii_in(recording, car), mass_in(recording, car), towing]
+    return [estimator.diagnostic() for estimator in found if estimator is not None]
 
 
 def check_filter(filter: str, *, smooth: bool = False, lag: float | None = None) -> None:

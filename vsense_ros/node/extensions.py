@@ -40,6 +40,11 @@ class Extension:
     def __init__(self, node: SensingNode, parameters: Any, vehicle: Vehicle) -> None:
         self.node, self.parameters, self.vehicle = node, parameters, vehicle
 
+    @property
+    def inputs(self) -> dict[str, str]:
+        """Topics that it listens to beside those of the observer, with their message types."""
+        return {}
+
     @classmethod
     def is_wanted(cls, parameters: Any) -> bool:
         """True if the parameters ask for this extension."""
@@ -50,7 +55,7 @@ class Extension:
         return None
 
     def add(self, sample: Sample) -> Iterable[Sample]:
-        """Take a message that the observer has used; returns what is to be published."""
+        """Take a message that the observer has been given; returns what is to be published."""
         return ()
 
     def diagnostics(self) -> list[Diagnostic]:

@@ -116,7 +116,8 @@ class ObserverNode(SensingNode[_OwnParameters]):
         self._newest_due = False
         self._announce(car)
         self._foreign: set[tuple[str, str]] = set()  # topics and frames that were refused
-        self._inputs = tuple(self._subscribe(topic, kind) for topic, kind in self._observer.topics.items())
+        topics = {**self._observer.topics, **{k: v for one in self._extensions for k, v in one.inputs.items()}}
+        self._inputs = tuple(self._subscribe(topic, kind) for topic, kind in topics.items())
 
     def _extend(self, car: Vehicle) -> None:
         """Make the extensions that the parameters ask for, and report those that cannot be imported."""

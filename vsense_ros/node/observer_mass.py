@@ -2,21 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
-from typing import TYPE_CHECKING, Any, ClassVar
+from typing import ClassVar
 
 from pydantic import BaseModel, Field
 
-from vsense_ros.files.installed import vehicle_path
-from vsense_ros.files.vehicle import load_vehicle
 from vsense_ros.identification.mass_and_grade import TOPIC, MassAndGrade
-from vsense_ros.messages.diagnostic import Diagnostic
-from vsense_ros.messages.recording import Sample
 from vsense_ros.model.vehicle import Vehicle
-from vsense_ros.node.extensions import Extension
-
-if TYPE_CHECKING:
-    from vsense_ros.node.base import SensingNode
+from vsense_ros.node.beside import FilterBeside
 
 
 class MassParameters(BaseModel):
@@ -27,25 +19,13 @@ class MassParameters(BaseModel):
     )
 
 
-class Mass(Extension):
+class Mass(FilterBeside):
     """Mass and grade of one vehicle, published after each second that says something of them."""
 
     Parameters = MassParameters
+    parameter: ClassVar[str] = "mass"
     outputs: ClassVar[dict[str, str]] = {TOPIC: "sensor_msgs/msg/JointState"}
 
-    def __init__(self, node: SensingNode, parameters: Any, vehicle: Vehicle) -> None:
-        super().__init__(node, parameters, vehicle)
-        self._mass = MassAndGrade(load_vehicle(vehicle_path(parameters.vehicle)))
-
-    @classmethod
-    def is_wanted(cls, parameters: Any) -> bool:
-        """True if the mass is asked for."""
-        return bool(parameters.mass)
-
-    def add(self, sample: Sample) -> Iterable[Sample]:
-        """Hand a message to the filter; returns mass and grade where they are new."""
-        return (self._mass.sample(),) if self._mass.add(sample) else ()
-
-    def diagnostics(self) -> list[Diagnostic]:
-        """The mass, or why there is none."""
-        return [self._mass.diagnostic()]
+    def make(self, vehicle: Vehicle) -> MassAndGrade:
+        """The filter of the mass."""
+        return MassAndGrade(vehicle)

@@ -2,23 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, ClassVar
+from typing import ClassVar
 
 from pydantic import BaseModel
 
-from vsense_ros.files.installed import vehicle_path
-from vsense_ros.files.vehicle import load_vehicle
 from vsense_ros.identification.tyre_radii import TOPIC, TyreRadii
-from vsense_ros.messages.diagnostic import Diagnostic
-from vsense_ros.messages.recording import Sample
 from vsense_ros.model.vehicle import Vehicle
-from vsense_ros.node.extensions import Extension
+from vsense_ros.node.beside import FilterBeside
 from vsense_ros.node.parameters import path_parameter
-
-if TYPE_CHECKING:
-    from vsense_ros.node.base import SensingNode
 
 
 class TyreParameters(BaseModel):
@@ -30,29 +22,18 @@ class TyreParameters(BaseModel):
     )
 
 
-class Tyres(Extension):
+class Tyres(FilterBeside):
     """The tyre radii of one vehicle, published after each second of gentle driving."""
 
     Parameters = TyreParameters
+    parameter: ClassVar[str] = "tyres"
     outputs: ClassVar[dict[str, str]] = {TOPIC: "sensor_msgs/msg/JointState"}
+    filter: TyreRadii
 
-    def __init__(self, node: SensingNode, parameters: Any, vehicle: Vehicle) -> None:
-        super().__init__(node, parameters, vehicle)
-        self._radii = TyreRadii(load_vehicle(vehicle_path(parameters.vehicle)), Path(parameters.tyres))
-
-    @classmethod
-    def is_wanted(cls, parameters: Any) -> bool:
-        """True if a file for the radii is named."""
-        return bool(parameters.tyres)
-
-    def add(self, sample: Sample) -> Iterable[Sample]:
-        """Hand a message to the filter; returns the radii where they are new."""
-        return (self._radii.sample(),) if self._radii.add(sample) else ()
-
-    def diagnostics(self) -> list[Diagnostic]:
-        """Which tyre is smaller than it should be."""
-        return [self._radii.diagnostic()]
+    def make(self, vehicle: Vehicle) -> TyreRadii:
+        """The filter of the radii."""
+        return TyreRadii(vehicle, Path(self.parameters.tyres))
 
     def release(self) -> None:
         """Store the radii if there were none."""
-        self._radii.save()
+        self.filter.save()

@@ -35,14 +35,15 @@ class Balance:
     """Compares forces of estimates with the newest reading of the vehicle's first inertial sensor.
 
     Both are low-passed alike, so that what differs is not their delay. Readings count as they came, whether the filter
-    believes them or not. Without such a sensor, or while it is silent, the answer is NaN. Where it lacks some of its
-    six axes so are the sums that ask for these; for the others the car turns about the vertical alone, along which
-    there is gravity.
+    believes them or not. Without such a sensor, while it is silent, and of a car that tows, whose forces at the hitch
+    are none of tyres, the answer is NaN. Where the sensor lacks some of its six axes so are the sums that ask for
+    these; for the others the car turns about the vertical alone, along which there is gravity.
     """
 
     def __init__(self, vehicle: Vehicle, sensors: dict[str, SensorBase]) -> None:
         able = [name for name, sensor in sensors.items() if "rates and forces" in sensor.measures]
-        self.sensor = able[0] if able else None
+        self._tows = vehicle.physics.trailer is not None
+        self.sensor = able[0] if able and not self._tows else None
         self._index = -1
         self._car = CarBalance(vehicle.physics)
         if self.sensor is not None:
@@ -164,6 +165,7 @@ class Balance:
         if not self._stamp or not self._since:
             nothing = self._value is not None and not self._comparable
             text = f"not compared: {self.sensor} lacks the axes" if nothing else "nothing to compare yet"
+            text = "not compared: the car tows a trailer" if self._tows else text
             return Diagnostic("balance of forces", Level.OK, text)
         # Until as much time has passed, the mean is of that time alone.
         mean = np.sqrt(self._square / (1 - exp(-self._since / MEMORY)))
