@@ -15,7 +15,7 @@ from vsense_ros.observer.estimate import Estimate
 from vsense_ros.observer.unseen import turned
 from vsense_ros.runner import Runner
 
-NONE = UnseenErrors(rear_axle_direction=0.0, timing=0.0, yaw_rate=0.0, position_share=0.0, crossfall=0.0)
+NONE = UnseenErrors(rear_axle_direction=0.0, rear_slip=0.0, timing=0.0, yaw_rate=0.0, position_share=0.0, crossfall=0.0)
 
 
 @pytest.fixture
@@ -38,6 +38,16 @@ def test_side_slip_is_as_uncertain_as_the_direction_of_the_rear_axle(estimate) -
     added = unknown.side_slip[1] ** 2 - known.side_slip[1] ** 2
     assert added**0.5 == pytest.approx(0.01 * forward**2 / (forward**2 + lateral**2), rel=1e-6)
     assert unknown.pose_covariance[5, 5] - known.pose_covariance[5, 5] == pytest.approx(1e-4)
+
+
+def test_a_tenth_of_the_slip_angle_of_the_rear_axle_is_as_much_heading_and_side_slip(estimate) -> None:  # type: ignore[no-untyped-def]
+    known, unknown = estimate(), estimate(rear_slip=0.1)
+    forward, lateral, _ = known.velocity
+    slip = (lateral - known.vehicle.physics.chassis.cog_to_rear_axle * known.rates[2]) / forward
+    heading = unknown.pose_covariance[5, 5] - known.pose_covariance[5, 5]
+    sideways = unknown.twist_covariance[1, 1] - known.twist_covariance[1, 1]
+    assert heading == pytest.approx((0.1 * slip) ** 2, rel=1e-6)
+    assert sideways == pytest.approx((0.1 * slip * forward) ** 2, rel=1e-6)
 
 
 @given(st.integers(0, 2**32 - 1))

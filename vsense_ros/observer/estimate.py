@@ -127,7 +127,8 @@ class Estimate:
     @cached_property
     def _motion_covariances(self) -> tuple[Array, Array]:
         pose, twist = _on_map(self.covariance), self.covariance[..., TWIST, TWIST].copy()
-        add_unseen(pose, twist, self, self.vehicle.observer.unseen, self.car.receiver_noise)
+        unseen, noise = self.vehicle.observer.unseen, self.car.receiver_noise
+        add_unseen(pose, twist, self, unseen, noise, self.axle_distances[..., 1])
         twist[..., range(6), range(6)] += self.undecided[..., :6]
         pose[..., _PLACE, _PLACE] += self.undecided[..., 6:7]
         # Where the car goes is measured: what it goes sideways too much, it points elsewhere.

@@ -2,7 +2,7 @@
 
 A filter's covariance is true if its model is right but for white noise. An error that stays the same for minutes and
 moves sensors and state together leaves innovations as they should be, so that no estimate of noise from innovations
-shows it (a "considered" parameter, Schmidt 1966). Five of them are in every car and recording:
+shows it (a "considered" parameter, Schmidt 1966). Six of them are in every car and recording:
 
 1. *Where the rear axle points.* Side slip follows from yaw rate and lateral force by the direction in which the rear
    axle rolls. Thrust angle, toe, conicity and roll steer turn it by a tenth of a degree or two. GNSS measures the
@@ -33,6 +33,7 @@ _ROLL, _YAW = 3, 5  # of position and attitude
 _LATERAL, _YAW_RATE = 1, 5  # of velocity and rates
 _PLACE = [0, 1]  # of position and attitude
 _TWIST_SIZE = 6
+_SLOWEST = 1.0  # [m/s] below it a slip angle has no meaning
 
 
 class Motion(Protocol):
@@ -55,14 +56,19 @@ class Motion(Protocol):
         """Attitude on the map as a quaternion (4,), x, y, z, w."""
 
 
-def add_unseen(pose: Array, twist: Array, motion: Motion, unseen: UnseenErrors, receiver_noise: float) -> None:
+def add_unseen(
+    pose: Array, twist: Array, motion: Motion, unseen: UnseenErrors, receiver_noise: float, to_rear: Array
+) -> None:
     """Add what innovations do not show to the covariances (…, 6, 6) of position and attitude, of velocity and rates.
 
-    `receiver_noise` is the standard deviation of the best GNSS position that the vehicle file has [m], 0 for none.
+    `receiver_noise` is the standard deviation of the best GNSS position that the vehicle file has [m], 0 for none;
+    `to_rear` (…,) are distances from cog to the rear axle [m].
     """
     velocity = motion.velocity
-    axle = unseen.rear_axle_direction**2
-    twist[..., _LATERAL, _LATERAL] += axle * velocity[..., 0] ** 2
+    along, across = velocity[..., 0], velocity[..., 1] - to_rear * motion.rates[..., 2]
+    slip = unseen.rear_slip * across / np.maximum(np.abs(along), _SLOWEST)
+    axle = unseen.rear_axle_direction**2 + slip**2
+    twist[..., _LATERAL, _LATERAL] += axle * along**2
     pose[..., _YAW, _YAW] += axle
     twist[..., _YAW_RATE, _YAW_RATE] += unseen.yaw_rate**2
     pose[..., _PLACE, _PLACE] += (unseen.position_share * receiver_noise) ** 2

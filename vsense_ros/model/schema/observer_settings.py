@@ -72,6 +72,10 @@ class UnseenErrors(Part):
         "rad", "standard deviation of the direction in which the rear axle rolls: thrust angle, toe, roll steer", ge=0,
         default=0.002,
     )  # fmt: skip
+    rear_slip: float = parameter(
+        "-", "standard deviation of what load and stiffness of the tyres do to the slip angle of the rear axle, as a "
+        "share of it", ge=0, le=1, default=0.1,
+    )  # fmt: skip
     timing: float = parameter("s", "standard deviation of the time of the stamps", ge=0, default=0.008)
     yaw_rate: float = parameter(
         "rad/s", "standard deviation of what scale, mounting and bandwidth of a gyro do to the yaw rate", ge=0,
