@@ -124,7 +124,7 @@ bags: venv ## regenerate the manoeuvres in bags/ bit by bit
 
 # Debian 12 and Ubuntu 24.04. Needs root for apt, or the packages there already.
 HW_PACKAGES := verilator iverilog yosys make g++ gcc-arm-linux-gnueabihf libc6-dev-armhf-cross qemu-user \
-	cppcheck
+	gcc-aarch64-linux-gnu libc6-dev-arm64-cross cppcheck
 hw-tools: venv ## what simulating, synthesising and cross-compiling need; no other target needs any of it
 	apt-get update -qq
 	DEBIAN_FRONTEND=noninteractive apt-get install -y -qq --no-install-recommends $(HW_PACKAGES)
@@ -141,7 +141,7 @@ hw: venv ## the units by cocotb and by proof, and the resources of all variants 
 hw-timing: venv ## place and route on ECP5, for the clock: half an hour
 	$(HW_PYTHON) hw/synthesise.py ecp5
 
-arm: venv ## instructions of the exported observer on a Cortex-A9, to out/arm.json
+arm: venv ## instructions and stack of the exported observer on Cortex-A9, A53 and R52, to out/arm.json
 	PYTHONPATH=. $(VENV)/bin/python tools/arm/count.py
 
 exports: venv ## sizes of exported C, two exports in one program, MISRA C:2012, to out/exports.json and docs/misra.md

@@ -20,12 +20,12 @@
 #define VSENSE_KERNEL 0x10u /* number of the kernel, as in a frame */
 #define VSENSE_MAP_VERSION 0x14u /* version of this list */
 #define VSENSE_SIZE 0x18u /* rows of a matrix, or 0 */
-#define VSENSE_WORDS_IN 0x1cu /* of a request */
-#define VSENSE_WORDS_OUT 0x20u /* of a result */
+#define VSENSE_WORDS_IN 0x1cu /* of a request; 0: a program, as long as it says */
+#define VSENSE_WORDS_OUT 0x20u /* of a result; 0: as many as the program asks for */
 #define VSENSE_TABLE_WORDS 0x24u /* of coefficients, or 0 */
 #define VSENSE_MODE 0x28u /* what the next start takes in */
 #define VSENSE_MODE_TABLE 0x1u /* coefficients */
-#define VSENSE_STATUS 0x2cu /* of the last packet: 0, 1 pivot refused, 6 given up or no coefficients, 7 wrong length */
+#define VSENSE_STATUS 0x2cu /* of the last packet: 0, 1 pivot or number refused, 6 given up or no coefficients, 7 wrong length */
 #define VSENSE_COMPUTE_CYCLES 0x30u /* clocks of the last computation */
 #define VSENSE_LINK_CYCLES 0x34u /* clocks of the last request but those: words that came, left or were awaited */
 #define VSENSE_REQUESTS 0x38u /* results that have left since the reset */
@@ -35,5 +35,6 @@
 #define VSENSE_KERNEL_SOLVE42 2u
 #define VSENSE_KERNEL_BODY_MASS 3u
 #define VSENSE_KERNEL_SUSPENSION_MOTION 4u
+#define VSENSE_KERNEL_ROW_COMBINER 5u
 #define VSENSE_KERNEL_SOLVE56 6u
 #endif

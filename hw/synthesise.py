@@ -155,6 +155,9 @@ def main() -> None:
                     found = xc7(name, parameters)
                     record(RECORDS / "resources.json", f"{name}/{variant}", found)
                     print(f"{name:18} {variant:18} {found}", flush=True)
+                found = xc7("controlled_kernel", {"NUMBER": RowCombiner.number})
+                record(RECORDS / "controlled.json", name, found)
+                print(f"{name:18} {'with AXI':18} {found}", flush=True)
                 continue
             kernel = KERNELS[name]
             for variant, parameters in kernel.variants.items():

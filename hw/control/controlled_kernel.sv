@@ -2,7 +2,7 @@
 // in and out for words, and an interrupt.
 //
 // A start opens the stream for one packet: the words of a request or, in mode `table`, of the coefficients, the last one
-// marked. No other word is taken. A packet of another length gives no result: what came of it is forgotten, its words
+// marked. A request of a kernel without a number of words is a program, whose last word the kernel knows. No other word is taken. A packet of another length gives no result: what came of it is forgotten, its words
 // are taken to the marked one, and the next start takes the next packet. `abort` gives up a request that is taken in or
 // computed: the rest of its packet is taken and dropped, and a result that has begun to leave leaves whole. Where the
 // rest of a packet will never come, `soft_reset`, a reset of one clock of all but this bus, begins anew. Any reset, of
@@ -50,14 +50,15 @@ module controlled_kernel #(
   logic [1:0]  enabled, happened;
   logic [2:0]  status;
   logic [31:0] left, clocks, compute, link, requests, aborted, malformed, kernel_cycles;
+  logic        ends;  // of a program, the word that is offered
   logic        kernel_ready, kernel_valid, kernel_err, kernel_last;
 
   wire reset = ~rst_n | soft_reset;
-  wire last_due = (left == 32'd1);
+  wire last_due = (WORDS_IN == 0) ? ends : (left == 32'd1);
   wire fits = (s_tlast == last_due);
   chosen_kernel #(.NUMBER(NUMBER)) kernel (
       .clk, .rst_n(~(reset | forget)), .s_tvalid(s_tvalid & open & ~dropping & fits), .s_tuser(of_table), .s_tdata,
-      .s_tready(kernel_ready), .m_tvalid(kernel_valid), .m_tready, .m_tdata, .m_tlast(kernel_last), .err(kernel_err),
+      .s_tready(kernel_ready), .s_ends(ends), .m_tvalid(kernel_valid), .m_tready, .m_tdata, .m_tlast(kernel_last), .err(kernel_err),
       .cycles(kernel_cycles)
   );
   assign s_tready = open & (dropping | kernel_ready);

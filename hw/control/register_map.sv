@@ -37,6 +37,7 @@ package register_map;
       2: kernel_of = 2;
       3: kernel_of = 3;
       4: kernel_of = 4;
+      5: kernel_of = 5;
       6: kernel_of = 6;
       default: kernel_of = 0;
     endcase
@@ -47,6 +48,7 @@ package register_map;
       2: map_version_of = 2;
       3: map_version_of = 2;
       4: map_version_of = 2;
+      5: map_version_of = 2;
       6: map_version_of = 2;
       default: map_version_of = 0;
     endcase
@@ -57,6 +59,7 @@ package register_map;
       2: size_of = 42;
       3: size_of = 0;
       4: size_of = 0;
+      5: size_of = 64;
       6: size_of = 56;
       default: size_of = 0;
     endcase
@@ -67,6 +70,7 @@ package register_map;
       2: words_in_of = 1806;
       3: words_in_of = 19;
       4: words_in_of = 12;
+      5: words_in_of = 0;
       6: words_in_of = 3192;
       default: words_in_of = 0;
     endcase
@@ -77,6 +81,7 @@ package register_map;
       2: words_out_of = 42;
       3: words_out_of = 9;
       4: words_out_of = 96;
+      5: words_out_of = 0;
       6: words_out_of = 56;
       default: words_out_of = 0;
     endcase
@@ -87,6 +92,7 @@ package register_map;
       2: table_words_of = 0;
       3: table_words_of = 0;
       4: table_words_of = 576;
+      5: table_words_of = 0;
       6: table_words_of = 0;
       default: table_words_of = 0;
     endcase

@@ -1,14 +1,17 @@
 // controlled_kernel around a kernel of three words in and two out. Whatever the processor writes and
 // reads, whenever it aborts or resets, and however long the packets are that come: no packet is mixed with another, none
-// of a wrong length gives a result, a result leaves whole and in its order, and no `valid` drops before its `ready`.
+// of a wrong length gives a result, be that one the kernel's or one that a program has, a result leaves whole and in its order, and no `valid` drops before its `ready`.
 module chosen_kernel #(parameter int NUMBER = 1) (
     input logic clk, rst_n, s_tvalid, s_tuser, m_tready, input logic [31:0] s_tdata,
-    output logic s_tready, m_tvalid, m_tlast, err, output logic [31:0] m_tdata, cycles
+    output logic s_tready, s_ends, m_tvalid, m_tlast, err, output logic [31:0] m_tdata, cycles
 );
   // Words are {number of their packet, place in it}; coefficients are two words.
   logic [1:0]  state, at;  // 0 load, 1 run, 2 out
   logic [29:0] packet;
   (* anyseq *) logic ends;
+  // Programs, of kernel 5, have two or three words, as the number of their packet is even or odd.
+  wire last = (NUMBER == 5) ? (at == (s_tdata[2] ? 2'd2 : 2'd1)) : (at == (s_tuser ? 2'd1 : 2'd2));
+  assign s_ends = last;
   assign s_tready = (state == 2'd0);
   assign m_tvalid = (state == 2'd2);
   assign m_tlast = at[0];
@@ -22,8 +25,8 @@ module chosen_kernel #(parameter int NUMBER = 1) (
       assert (s_tdata[1:0] == at);
       if (at != 2'd0) assert (s_tdata[31:2] == packet);
       packet <= s_tdata[31:2];
-      at <= (at == (s_tuser ? 2'd1 : 2'd2)) ? 2'd0 : at + 2'd1;
-      if (~s_tuser & (at == 2'd2)) state <= 2'd1;
+      at <= last ? 2'd0 : at + 2'd1;
+      if (~s_tuser & last) state <= 2'd1;
     end else if (state == 2'd1) begin
       if (ends) state <= 2'd2;
     end else if (m_tvalid & m_tready) begin
@@ -34,7 +37,14 @@ module chosen_kernel #(parameter int NUMBER = 1) (
     end
 endmodule
 
-module formal_control (
+module formal_programs (
+    input logic clk, rst_n, s_tvalid, m_tready, s_tlast, awvalid, wvalid, bready, arvalid, rready,
+    input logic [6:0] awaddr, araddr, input logic [31:0] wdata
+);
+  formal_control #(.NUMBER(5), .WORDS_IN(0), .TABLE_WORDS(0)) it (.*);
+endmodule
+
+module formal_control #(parameter int NUMBER = 3, WORDS_IN = 3, TABLE_WORDS = 2) (
     input logic clk, rst_n, s_tvalid, m_tready, s_tlast, awvalid, wvalid, bready, arvalid, rready,
     input logic [6:0] awaddr, araddr, input logic [31:0] wdata
 );
@@ -46,7 +56,7 @@ module formal_control (
   logic [29:0] packet = '0;
   logic [1:0]  place = '0;
   // A word says its place up to 3, which no packet of the right length has.
-  controlled_kernel #(.NUMBER(3), .WORDS_IN(3), .TABLE_WORDS(2)) dut (
+  controlled_kernel #(.NUMBER(NUMBER), .WORDS_IN(WORDS_IN), .TABLE_WORDS(TABLE_WORDS)) dut (
       .clk, .rst_n, .s_axi_awaddr(awaddr), .s_axi_awvalid(awvalid), .s_axi_awready(awready), .s_axi_wdata(wdata),
       .s_axi_wvalid(wvalid), .s_axi_wready(wready), .s_axi_bresp(bresp), .s_axi_bvalid(bvalid), .s_axi_bready(bready),
       .s_axi_araddr(araddr), .s_axi_arvalid(arvalid), .s_axi_arready(arready), .s_axi_rdata(rdata),

@@ -40,6 +40,8 @@ PROOFS = {
     "a quotient by zero": Proof("formal_div", (*ARITHMETIC, "formal/units.sv"), 20),
     "no packet is mixed, lost or cut, and no valid drops": Proof("formal_control", CONTROL, 18),
     "results after wrong, aborted and good packets are reached": Proof("formal_control", CONTROL, 24, reaches=True),
+    "no program is mixed, lost or cut, and no valid drops": Proof("formal_programs", CONTROL, 16),
+    "results after wrong, aborted and good programs are reached": Proof("formal_programs", CONTROL, 24, reaches=True),
     "a reset of one clock suffices for body_mass": Proof(
         "formal_reset_mass", (*ARITHMETIC, *KERNELS, "formal/resets.sv"), 64
     ),

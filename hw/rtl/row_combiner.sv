@@ -33,6 +33,7 @@ module row_combiner #(
     input  logic        s_tvalid,
     output logic        s_tready,
     input  logic [31:0] s_tdata,
+    output logic        s_ends,  // the word that is offered ends a program
     output logic        m_tvalid,
     input  logic        m_tready,
     output logic [31:0] m_tdata,
@@ -306,8 +307,8 @@ module row_combiner #(
   always_ff @(posedge clk) begin
     fine2 <= turn1[1:0];
     for (int l = 0; l < L; l = l + 1) begin
-      a2[l] <= a1[LB'(l) - coarse];
-      x[l] <= point2 ? 32'h3F80_0000 : a2[LB'(l) - LB'(fine2)];
+      a2[l] <= a1[(l - 32'(coarse)) & (L - 1)];
+      x[l] <= point2 ? 32'h3F80_0000 : a2[(l - 32'(fine2)) & (L - 1)];
     end
   end
   always_ff @(posedge clk) {number1, number2} <= {number0, number1};
@@ -358,6 +359,7 @@ module row_combiner #(
     else err <= err | (|odd);
   end
 
+  assign s_ends = (st == DECODE) & (&s_tdata[31:30]);
   assign m_tvalid = (st == S_SHIFT) | (st == S_END);
   assign m_tdata = (st == S_END) ? cycles : out[ln];
   assign m_tlast = (st == S_END);

@@ -48,7 +48,8 @@ def main():
         HERE.parent / "control" / f"{name}.sv" for name in ("register_map", "chosen_kernel", "controlled_kernel")
     ]
     files = [*control, *sorted(sources().glob("*.sv"))]
-    passed.append(simulate("body_mass_controlled", files, "control_by_cocotb", "controlled_kernel", {"NUMBER": 3}))
+    for name, tests, number in (("body_mass", "control_by_cocotb", 3), ("row_combiner", "programs_by_cocotb", 5)):
+        passed.append(simulate(f"{name}_controlled", files, tests, "controlled_kernel", {"NUMBER": number}))
     return 0 if all(passed) else 1
 
 

@@ -102,6 +102,28 @@ def test_without_faults_every_request_is_accelerated_in_the_modelled_time():
     assert worst < 1e-5
 
 
+@pytest.mark.parametrize(("setup_us", "expected"), [(1.0, 5e-4), (500.0, 2 * 505.59e-6), (5000.0, 4e-3)])
+def test_a_deadline_is_chosen_by_what_the_first_requests_take_within_a_step(setup_us, expected):
+    client = Client(Direct(Device("mock", ("solve14",), link=Link(setup_us=setup_us))), deadline=None)
+    matrix, right = mass_matrices(1, 5)[0], np.ones(14)
+    for _ in range(2):
+        client.solve(matrix, right)
+    assert client.deadline == pytest.approx(expected)
+    assert client.counts["accelerated"] == (0 if setup_us > 4000 else 2)
+
+
+def test_a_deadline_is_chosen_once_the_accelerator_has_come():
+    device = Device("off", ("solve14",))
+    transport = Direct(device)
+    client = Client(transport, deadline=None)
+    client.solve(np.eye(14), np.ones(14))
+    assert (client.counts["missed"], client.deadline) == (1, 4e-3)
+    device.backend = "mock"
+    client.solve(np.eye(14), np.ones(14))
+    assert client.counts["accelerated"] == 1
+    assert client.deadline == 5e-4
+
+
 def test_the_same_seed_gives_the_same_run():
     first, _, _ = solved(Faults(drop=0.1, bit_flip=0.1, delay=0.1), 200, seed=3)
     again, _, _ = solved(Faults(drop=0.1, bit_flip=0.1, delay=0.1), 200, seed=3)

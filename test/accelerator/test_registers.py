@@ -16,11 +16,13 @@ from linear_systems import mass_matrices, tables
 from marks import exam_except
 from test_uio import PHYSICAL, Hardware
 from vsense_ros.accelerator.frame import Status
-from vsense_ros.accelerator.kernels import BODY_MASS, SOLVE_14, SUSPENSION_MOTION, Kernel
-from vsense_ros.accelerator.registers import REGISTERS, values
+from vsense_ros.accelerator.kernels import BODY_MASS, SOLVE_14, SUSPENSION_MOTION
+from vsense_ros.accelerator.kernels.row_combiner import Program, RowCombiner
+from vsense_ros.accelerator.registers import REGISTERS, Registered, registered, values
 from vsense_ros.accelerator.rtl import missing, sources
 from vsense_ros.accelerator.uio import Uio
 from vsense_ros.cache import kept
+from vsense_ros.messages import yaml_text
 
 HW = Path(__file__).parents[2] / "hw"
 AT = {register.name: register.offset for register in REGISTERS}
@@ -34,6 +36,17 @@ simulated = [
 def test_what_is_made_of_the_list_of_registers_is_up_to_date() -> None:
     for path, text in runpy.run_path(str(HW / "registers.py"))["written"]().items():
         assert path.read_text(encoding="utf-8") == text, f"{path}: run python hw/registers.py"
+
+
+def test_the_block_for_fusesoc_has_every_file_and_every_kernel() -> None:
+    core = yaml_text.load_file(HW / "vsense_ros.core")
+    listed = core["filesets"]["rtl"]["files"]
+    there = {f"{path.parent.name}/{path.name}" for path in (*HW.glob("rtl/*.sv"), *HW.glob("control/*.sv"))}
+    assert set(listed) == there
+    (description,) = (
+        line for line in (HW / "vsense_ros.core").read_text().splitlines() if "NUMBER is the kernel" in line
+    )
+    assert all(f"{number} {kernel.name}" in description for number, kernel in registered().items())
 
 
 def test_registers_are_words_that_do_not_overlap_and_begin_as_those_of_high_level_synthesis() -> None:
@@ -51,7 +64,7 @@ def test_registers_are_words_that_do_not_overlap_and_begin_as_those_of_high_leve
 class Controlled:
     """A kernel behind its registers in Verilator."""
 
-    def __init__(self, library: Path, kernel: Kernel) -> None:
+    def __init__(self, library: Path, kernel: Registered) -> None:
         self.kernel = kernel
         self._of = ctypes.CDLL(str(library))
         self._of.kernel_new.restype = ctypes.c_void_p
@@ -76,8 +89,8 @@ class Controlled:
     def reset(self, clocks: int) -> None:
         self._of.kernel_reset(self._it, clocks)
 
-    def collect(self, every: int = 1) -> tuple[np.ndarray, int]:
-        found, last = np.zeros(self.kernel.words_out, np.uint32), ctypes.c_int()
+    def collect(self, every: int = 1, count: int = 0) -> tuple[np.ndarray, int]:
+        found, last = np.zeros(count or self.kernel.words_out, np.uint32), ctypes.c_int()
         pointer = ctypes.c_void_p(found.ctypes.data)
         came = self._of.kernel_collect(self._it, pointer, found.size, 100_000, every, ctypes.byref(last))
         return found[:came], last.value
@@ -86,16 +99,16 @@ class Controlled:
     def interrupts(self) -> bool:
         return bool(self._of.kernel_irq(self._it))
 
-    def run(self, words: np.ndarray) -> np.ndarray:
+    def run(self, words: np.ndarray, count: int = 0) -> np.ndarray:
         self.write("CONTROL", BIT["CONTROL.start"])
         assert self.offer(words) == words.size
-        found, last = self.collect()
-        assert last == self.kernel.words_out - 1
+        found, last = self.collect(count=count)
+        assert last == found.size - 1
         return found
 
 
 @pytest.fixture(scope="module")
-def built() -> Callable[[Kernel], Controlled]:
+def built() -> Callable[[Registered], Controlled]:
     """Makes a kernel with its registers, which is compiled where no earlier run has kept it."""
     files = [HW / "control" / f"{name}.sv" for name in ("register_map", "chosen_kernel", "controlled_kernel")]
     files += sorted(sources().glob("*.sv"))
@@ -103,7 +116,7 @@ def built() -> Callable[[Kernel], Controlled]:
     version = subprocess.run(["verilator", "--version"], capture_output=True, text=True, check=True).stdout
     root = subprocess.run(["verilator", "--getenv", "VERILATOR_ROOT"], check=True, capture_output=True, text=True)
 
-    def build(kernel: Kernel) -> Controlled:
+    def build(kernel: Registered) -> Controlled:
         translate = [
             "verilator", "--cc", "-O3", "--noassert", "-Wno-fatal", "-Wno-WIDTH", "--top-module", "controlled_kernel",
             f"-GNUMBER={kernel.number}", *map(str, files),
@@ -177,7 +190,7 @@ class TestSimulated:
     @pytest.mark.parametrize(
         "kernel", exam_except([SOLVE_14, BODY_MASS, SUSPENSION_MOTION], SOLVE_14), ids=lambda k: k.name
     )
-    def test_a_kernel_tells_what_it_is(self, built, kernel: Kernel) -> None:
+    def test_a_kernel_tells_what_it_is(self, built, kernel: Registered) -> None:
         here = built(kernel)
         assert {name: here.read(name) for name in values(kernel)} == values(kernel)
         assert here.read("CONTROL") == BIT["CONTROL.idle"]
@@ -387,3 +400,54 @@ class TestSimulated:
         here.write("MODE", 0)
         assert np.array_equal(here.run(words), SUSPENSION_MOTION.run(words, table)[0])
         assert here.read("STATUS") == Status.OK
+
+
+def programs(random: np.random.Generator) -> tuple[Program, Program]:
+    """One that writes a matrix, and one that changes it and asks for some of its rows."""
+    first, second = Program(20), Program(20)
+    first.write(0, random.standard_normal((20, 20)))
+    second.combine(64, random.standard_normal((3, 5)), random.integers(0, 20, 3))
+    second.subtract_outer(64, 4)
+    return first, second
+
+
+@pytest.mark.exam
+class TestPrograms:
+    pytestmark = simulated
+
+    def test_programs_of_any_length_have_the_mocks_bits_and_clocks_and_find_what_the_last_one_left(self, built) -> None:
+        here, mock, random = built(RowCombiner), RowCombiner(), np.random.default_rng(1)
+        assert {name: here.read(name) for name in values(RowCombiner)} == values(RowCombiner)
+        for count in (0, 1, 20):
+            for program in programs(random):
+                words = program.end(0, count)
+                expected = mock.run(words)
+                assert np.array_equal(here.run(words, program.words_out), expected)
+                assert here.read("COMPUTE_CYCLES") == expected[-1]
+        assert (here.read("REQUESTS"), here.read("STATUS")) == (6, Status.OK)
+
+    @pytest.mark.parametrize("way", ["cut", "unmarked", "aborted"])
+    def test_a_program_that_is_cut_or_given_up_gives_no_result_and_the_next_is_right(self, built, way: str) -> None:
+        here, mock, random = built(RowCombiner), RowCombiner(), np.random.default_rng(2)
+        wrong = programs(random)[1].end(0, 3)
+        before = here.read("REQUESTS")
+        here.write("CONTROL", BIT["CONTROL.start"])
+        if way == "cut":  # its end is missing
+            assert here.offer(wrong[:-3]) == wrong.size - 3
+        elif way == "unmarked":  # words follow its end
+            assert here.offer(np.append(wrong, wrong[:5])) == wrong.size + 5
+        else:
+            assert here.offer(wrong[:30], last=-1) == 30
+            here.write("CONTROL", BIT["CONTROL.abort"])
+            assert here.offer(wrong[30:]) == wrong.size - 30
+        assert here.read("STATUS") == (Status.FAULT if way == "aborted" else Status.WRONG_SIZE)
+        for program in programs(random):
+            words = program.end(0, 20)
+            assert np.array_equal(here.run(words, program.words_out), mock.run(words))
+        assert here.read("REQUESTS") == before + 2
+
+    def test_a_number_that_is_infinite_is_said(self, built) -> None:
+        here, program = built(RowCombiner), Program(3)
+        program.write(0, [[1.0, 2.0, np.inf]])
+        here.run(program.end(), 1)
+        assert here.read("STATUS") == Status.PIVOT

@@ -19,10 +19,12 @@ import pytest
 
 from linear_systems import mass_matrices, prototype, tables
 from vsense_ros.accelerator.client import Client
+from vsense_ros.accelerator.covariance import AcceleratedCovariance
 from vsense_ros.accelerator.frame import Status
 from vsense_ros.accelerator.kernels import BODY_MASS, SOLVE_14, SUSPENSION_MOTION, Kernel
-from vsense_ros.accelerator.registers import REGISTERS, values
-from vsense_ros.accelerator.uio import Places, Uio
+from vsense_ros.accelerator.kernels.row_combiner import RowCombiner
+from vsense_ros.accelerator.registers import REGISTERS, Registered, values
+from vsense_ros.accelerator.uio import Places, Several, Uio
 from vsense_ros.errors import InputError
 
 AT = {register.name: register.offset // 4 for register in REGISTERS}
@@ -32,7 +34,7 @@ START, IDLE, SOFT_RESET, PHYSICAL = 1, 4, 0x20000, 0x1E900000
 class Hardware:
     """The registers of a kernel and of its DMA, in files: what `hw/README.md` and PG021 say, with the mock's bits."""
 
-    def __init__(self, folder: Path, kernel: Kernel, *, size: int = 16384, answers: bool = True) -> None:
+    def __init__(self, folder: Path, kernel: Registered, *, size: int = 16384, answers: bool = True) -> None:
         self.kernel, self.answers, self.resets = kernel, answers, 0
         self.table: np.ndarray | None = None
         (folder / "phys_addr").write_text(f"{PHYSICAL:#x}\n")
@@ -64,6 +66,7 @@ class Hardware:
 
     def request(self) -> None:
         of, dma, kernel = self.registers, self.dma, self.kernel
+        assert isinstance(kernel, Kernel)
         first, count = (dma[0x18 // 4] - PHYSICAL) // 4, dma[0x28 // 4] // 4
         words = np.array(self.memory[first : first + count], np.uint32)
         dma[0x28 // 4] = 0
@@ -210,16 +213,79 @@ def test_the_observer_takes_hardware_that_is_of_the_kernel_it_is_told(
     pytest.importorskip("rclpy", reason="ROS 2 (rclpy) is not installed here")
     from vsense_ros.node import observer_accelerator as node
 
-    hardware, vehicle = Hardware(tmp_path, SOLVE_14), prototype()
-    monkeypatch.setattr(node, "Uio", lambda: Uio(hardware.places))
+    vehicle = prototype()
+    places = [hardware_in(tmp_path / kernel.name, kernel).places for kernel in (SOLVE_14, BODY_MASS)]
+    monkeypatch.setattr(node.Places, "numbered", lambda k: places[k])
 
     def made(*kernels: str) -> node.Accelerator:
         chosen = node.AcceleratorParameters(accelerator="uio", accelerator_kernels=kernels)
         parameters = SimpleNamespace(**chosen.model_dump(), filter="error_ekf")
         return node.Accelerator(cast(Any, None), parameters, vehicle)
 
-    extension = made("solve14")
-    assert callable(extension.make_filter())
-    extension.release()
-    with pytest.raises(InputError, match=r"is solve14, body_mass, and .*uio0 is solve14: name that alone"):
-        made("solve14", "body_mass")
+    for kernels in (("solve14",), ("solve14", "body_mass"), ("body_mass", "solve14")):
+        extension = made(*kernels)
+        assert callable(extension.make_filter())
+        extension.release()
+    with pytest.raises(InputError, match=r"is body_mass, and the hardware has solve14"):
+        made("body_mass")
+
+
+def hardware_in(folder: Path, kernel: Kernel) -> Hardware:
+    folder.mkdir()
+    return Hardware(folder, kernel)
+
+
+def test_several_kernels_each_answer_what_is_theirs(tmp_path: Path) -> None:
+    both = [hardware_in(tmp_path / kernel.name, kernel) for kernel in (SOLVE_14, BODY_MASS)]
+    link = Several([hardware.places for hardware in both])
+    assert link.names == ("solve14", "body_mass")
+    for hardware in both:
+        hardware.thread.start()
+    client, random = Client(link, deadline=5.0), np.random.default_rng(2)
+    try:
+        for kernel in (SOLVE_14, BODY_MASS, SOLVE_14):
+            words = random.uniform(0.5, 2, kernel.words_in).astype(np.float32)
+            if kernel is SOLVE_14:
+                words = np.eye(14, 15, dtype=np.float32).reshape(-1)
+            found = client.request(kernel, words.view(np.uint32))
+            assert found is not None
+            assert np.array_equal(found.view(np.uint32), kernel.run(words.view(np.uint32))[0])
+    finally:
+        for hardware in both:
+            hardware.ends.set()
+            hardware.thread.join()
+        link.close()
+    assert client.counts["accelerated"] == 3
+    with pytest.raises(InputError, match="is solve14, as another accelerator is"):
+        Several([both[0].places, both[0].places])
+
+
+def test_a_covariance_is_kept_in_hardware_by_programs_of_any_length(tmp_path: Path) -> None:
+    class Combiner(Hardware):
+        mock = RowCombiner()
+
+        def request(self) -> None:
+            of, dma = self.registers, self.dma
+            first, count = (dma[0x18 // 4] - PHYSICAL) // 4, dma[0x28 // 4] // 4
+            answer = self.mock.run(np.array(self.memory[first : first + count], np.uint32))
+            assert dma[0x58 // 4] == 4 * answer.size
+            at = (dma[0x48 // 4] - PHYSICAL) // 4
+            np.frombuffer(self.memory, np.uint32)[at : at + answer.size] = answer
+            dma[0x28 // 4], dma[0x34 // 4] = 0, 2
+            of[AT["CONTROL"]], of[AT["INTERRUPT_STATUS"]] = IDLE, 1
+            os.write(self.ours, (1).to_bytes(4, "little"))
+
+    n, random = 12, np.random.default_rng(4)
+    covariance, rows = np.cov(random.standard_normal((n, 3 * n))), random.standard_normal((2, n))
+    with running(Combiner(tmp_path, RowCombiner)) as driver:
+        kept = AcceleratedCovariance(n, lambda words: driver.program(words, answered(words, n), soon()))
+        kept.load(covariance)
+        np.testing.assert_allclose(kept.project(rows), rows @ covariance, rtol=1e-5, atol=1e-5)
+        np.testing.assert_allclose(kept.read(), covariance, rtol=1e-6)
+        with pytest.raises(InputError, match="has room for 2048 words"):
+            driver.program(np.zeros(3000, np.uint32), 1, soon())
+
+
+def answered(words: np.ndarray, columns: int) -> int:
+    """Words of the answer to a program, by its last one."""
+    return (int(words[-1]) >> 14 & 127) * columns + 1

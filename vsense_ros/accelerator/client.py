@@ -10,6 +10,7 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Callable
+from dataclasses import dataclass
 from typing import Protocol
 
 import numpy as np
@@ -73,13 +74,28 @@ class Direct:
         return came
 
 
+@dataclass(frozen=True)
+class Measuring:
+    """How a deadline is found that fits a link and what runs beside it: the longest of some first requests, times
+    `margin`, as a later one may take longer; within bounds of which the upper is a step at 250 Hz."""
+
+    requests: int = 20
+    margin: float = 2.0
+    shortest: float = 5e-4  # [s]
+    longest: float = 4e-3  # [s]; also where none was answered
+
+
+MEASURED = Measuring()
+
+
 class Client:
     """One observer's use of an accelerator. `sender` tells observers apart that share one; `deadline` [s] is how long a
-    request may take. `counts` has every request by what became of it, and every answer that was dropped by the
-    reason."""
+    request may take, or None: what the first requests take decides. `counts` has every request by what became of it,
+    and every answer that was dropped by the reason."""
 
-    def __init__(self, transport: Transport, *, sender: int = 0, deadline: float = 2e-3) -> None:
-        self.transport, self.sender, self.deadline = transport, sender % 256, deadline
+    def __init__(self, transport: Transport, *, sender: int = 0, deadline: float | None = 2e-3) -> None:
+        self.transport, self.sender = transport, sender % 256
+        self.deadline, self._unmeasured = deadline or MEASURED.longest, deadline is None
         self.counts: Counter[str] = Counter()
         self.longest = 0.0  # [s] that a request took
         self.compute_cycles = self.link_cycles = 0
@@ -140,6 +156,8 @@ class Client:
             return None
         if kernel.table_words and kernel.name not in self._has_table and not self._send_table(kernel):
             return None
+        if self._unmeasured and not self._measure(kernel, words):
+            return None
         answer = self._asked(kernel, words, 0, kernel.words_out)
         if answer is None:
             return None
@@ -154,6 +172,18 @@ class Client:
         self.compute_cycles, self.link_cycles = answer.compute_cycles, answer.link_cycles
         self.counts["accelerated"] += 1
         return result
+
+    def _measure(self, kernel: Kernel, words: NDArray[np.uint32]) -> bool:
+        """Choose the deadline by what requests of these words take; False where one of them has no answer."""
+        longest = 0.0
+        for _ in range(MEASURED.requests):
+            began = self.transport.now()
+            if self._asked(kernel, words, 0, kernel.words_out) is None:
+                return False
+            longest = max(longest, self.transport.now() - began)
+        self.deadline = min(max(MEASURED.margin * longest, MEASURED.shortest), MEASURED.longest)
+        self._unmeasured = False
+        return True
 
     def _send_table(self, kernel: Kernel) -> bool:
         table = self._tables.get(kernel.name)

@@ -12,6 +12,7 @@ from dataclasses import dataclass
 
 from vsense_ros.accelerator.frame import Status
 from vsense_ros.accelerator.kernels import KERNELS, Kernel
+from vsense_ros.accelerator.kernels.row_combiner import RowCombiner
 
 
 @dataclass(frozen=True)
@@ -59,12 +60,15 @@ REGISTERS = (
     Register("KERNEL", 0x10, "ro", "number of the kernel, as in a frame"),
     Register("MAP_VERSION", 0x14, "ro", "version of this list"),
     Register("SIZE", 0x18, "ro", "rows of a matrix, or 0"),
-    Register("WORDS_IN", 0x1C, "ro", "of a request"),
-    Register("WORDS_OUT", 0x20, "ro", "of a result"),
+    Register("WORDS_IN", 0x1C, "ro", "of a request; 0: a program, as long as it says"),
+    Register("WORDS_OUT", 0x20, "ro", "of a result; 0: as many as the program asks for"),
     Register("TABLE_WORDS", 0x24, "ro", "of coefficients, or 0"),
     Register("MODE", 0x28, "rw", "what the next start takes in", (Bits("table", 0, 1, "coefficients"),)),
     Register(
-        "STATUS", 0x2C, "ro", "of the last packet: 0, 1 pivot refused, 6 given up or no coefficients, 7 wrong length"
+        "STATUS",
+        0x2C,
+        "ro",
+        "of the last packet: 0, 1 pivot or number refused, 6 given up or no coefficients, 7 wrong length",
     ),
     Register("COMPUTE_CYCLES", 0x30, "ro", "clocks of the last computation"),
     Register("LINK_CYCLES", 0x34, "ro", "clocks of the last request but those: words that came, left or were awaited"),
@@ -77,7 +81,16 @@ _MADE = "// Made by hw/registers.py from vsense_ros/accelerator/registers.py."
 MAP_VERSION = 2  # 1 had no end of a packet, no abort and no soft reset
 
 
-def values(kernel: Kernel) -> dict[str, int]:
+Registered = Kernel | type[RowCombiner]
+
+
+def registered() -> dict[int, Registered]:
+    """Every kernel that may stand behind the registers, by its number."""
+    every: tuple[Registered, ...] = (*KERNELS.values(), RowCombiner)
+    return {kernel.number: kernel for kernel in sorted(every, key=lambda kernel: kernel.number)}
+
+
+def values(kernel: Registered) -> dict[str, int]:
     """What the registers of a kernel read that never change."""
     return {
         "KERNEL": kernel.number, "MAP_VERSION": MAP_VERSION, "SIZE": kernel.size, "WORDS_IN": kernel.words_in,
@@ -103,10 +116,10 @@ def _package() -> Iterator[str]:
         yield f"  localparam logic [{ADDRESS_BITS - 1}:0] {register.name} = {ADDRESS_BITS}'h{register.offset:02x};"
         for field in register.fields:
             yield f"  localparam int {register.name}_{field.name.upper()} = {field.lowest};"
-    for name in values(next(iter(KERNELS.values()))):
+    for name in values(RowCombiner):
         yield f"  function automatic int {name.lower()}_of(input int number);"
         yield "    case (number)"
-        for kernel in KERNELS.values():
+        for kernel in registered().values():
             yield f"      {kernel.number}: {name.lower()}_of = {values(kernel)[name]};"
         yield f"      default: {name.lower()}_of = 0;"
         yield "    endcase"
@@ -126,12 +139,14 @@ def _chosen() -> Iterator[str]:
     yield "module chosen_kernel #(parameter int NUMBER = 1) ("
     ports = "input logic clk, rst_n, s_tvalid, s_tuser, m_tready, input logic [31:0] s_tdata,"
     yield f"    {ports}"
-    yield "    output logic s_tready, m_tvalid, m_tlast, err, output logic [31:0] m_tdata, cycles"
+    yield "    output logic s_tready, s_ends, m_tvalid, m_tlast, err, output logic [31:0] m_tdata, cycles"
     yield ");"
+    programmed = " & ".join(f"(NUMBER != {number})" for number, k in registered().items() if not k.words_in)
+    yield f"  generate if ({programmed}) assign s_ends = 1'b0; endgenerate"
     yield "  generate"
-    for i, kernel in enumerate(KERNELS.values()):
+    for i, kernel in enumerate(registered().values()):
         chosen = ", ".join(f".{name}({value})" for name, value in kernel.parameters.items())
-        user = ".s_tuser, " if kernel.table_words else ""
+        user = ".s_tuser, " if kernel.table_words else "" if kernel.words_in else ".s_ends, "
         names = ("clk", "rst_n", "s_tvalid", "s_tready", "s_tdata", "m_tvalid", "m_tready", "m_tdata", "m_tlast", "err")
         yield f"    {'end else ' if i else ''}if (NUMBER == {kernel.number}) begin : {kernel.name}"
         yield f"      {kernel.top} #({chosen}) kernel ({user}{', '.join(f'.{name}' for name in names)}, .cycles);"
@@ -149,7 +164,7 @@ def c_header() -> str:
         for field in register.fields:
             mask = ((1 << field.width) - 1) << field.lowest
             lines.append(f"#define VSENSE_{register.name}_{field.name.upper()} 0x{mask:x}u /* {field.meaning} */")
-    for kernel in KERNELS.values():
+    for kernel in registered().values():
         lines.append(f"#define VSENSE_KERNEL_{kernel.name.upper()} {kernel.number}u")
     return "\n".join([*lines, "#endif"]) + "\n"
 

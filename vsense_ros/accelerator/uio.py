@@ -12,7 +12,7 @@ import mmap
 import os
 import select
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -20,8 +20,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vsense_ros.accelerator.frame import RESPONSE, TABLE, Frame, FrameError, Status, parse
-from vsense_ros.accelerator.kernels import BY_NUMBER, Kernel
-from vsense_ros.accelerator.registers import REGISTERS, values
+from vsense_ros.accelerator.registers import REGISTERS, Registered, registered, values
 from vsense_ros.errors import InputError
 
 Words = NDArray[np.uint32]
@@ -39,6 +38,12 @@ class Places:
     buffer: Path = Path("/dev/udmabuf0")
     attributes: Path = Path("/sys/class/u-dma-buf/udmabuf0")
     interrupts: Path | None = None
+
+    @classmethod
+    def numbered(cls, k: int) -> Places:
+        """Those of accelerator k, from 0 on, where each is bound before the next: its registers, then its DMA."""
+        names = Path(f"/dev/uio{2 * k}"), Path(f"/dev/uio{2 * k + 1}"), Path(f"/dev/udmabuf{k}")
+        return cls(*names, Path(f"/sys/class/u-dma-buf/udmabuf{k}"))
 
 
 @dataclass(frozen=True)
@@ -81,9 +86,10 @@ class Uio:
         self._interrupts = self._file(p.interrupts) if p.interrupts else self._files[0]
         self.kernel = self._kernel_in_registers()
         start, size = self._attribute("phys_addr"), self._attribute("size")
-        asked = 4 * max(self.kernel.words_in, self.kernel.table_words)
+        # A program and its answer have half of the buffer each.
+        asked = 4 * max(self.kernel.words_in, self.kernel.table_words) or size // 2
         self._result_at = -(-asked // _DMA.alignment) * _DMA.alignment
-        needed = self._result_at + 4 * self.kernel.words_out
+        needed = self._result_at + 4 * max(self.kernel.words_out, 1)
         if size < needed:
             raise InputError(
                 f"{self.kernel.name} needs a buffer of {needed} bytes, and {p.buffer} has {size}: give it a larger "
@@ -120,11 +126,11 @@ class Uio:
         except (OSError, ValueError) as error:
             raise InputError(f"{path} should tell the {name} of {self.places.buffer}: {error}") from None
 
-    def _kernel_in_registers(self) -> Kernel:
-        number = self.read("KERNEL")
-        if number not in BY_NUMBER:
-            raise InputError(f"{self.places.registers} says that it is kernel {number}: not one of {sorted(BY_NUMBER)}")
-        kernel = BY_NUMBER[number]
+    def _kernel_in_registers(self) -> Registered:
+        number, known = self.read("KERNEL"), registered()
+        if number not in known:
+            raise InputError(f"{self.places.registers} says that it is kernel {number}: not one of {sorted(known)}")
+        kernel = known[number]
         for name, expected in values(kernel).items():
             if (found := self.read(name)) != expected:
                 raise InputError(
@@ -153,8 +159,22 @@ class Uio:
     def run(self, words: Words, deadline: float, *, is_table: bool = False) -> Words:
         """The result (words_out,) of a request (words_in,), or nothing (0,) of coefficients (table_words,). Raises
         `TimeoutError`, after a soft reset, where it has not come by `deadline` [s of `now`] or the DMA stopped."""
-        kernel = self.kernel
-        count = 0 if is_table else kernel.words_out
+        return self._run(words, 0 if is_table else self.kernel.words_out, deadline, is_table)
+
+    def program(self, words: Words, words_out: int, deadline: float) -> Words:
+        """The answer (words_out,) to a program (k,) of the row combiner. Raises as `run`; what the kernel keeps is not
+        known after a `TimeoutError`, and has to be written anew."""
+        if 4 * words.size > self._result_at or self._result_at + 4 * words_out > 4 * self._buffer.size:
+            raise InputError(
+                f"{self.places.buffer} has room for {self._result_at // 4} words of a program, and as many of its "
+                f"answer; found {words.size} and {words_out}: give it a larger size in the device tree"
+            )
+        answer = self._run(words, words_out, deadline, False)
+        if status := self.read("STATUS"):
+            raise InputError(f"{self.places.registers} refused a program with status {status}")
+        return answer
+
+    def _run(self, words: Words, count: int, deadline: float, is_table: bool) -> Words:
         self._buffer[: words.size] = words
         try:
             self._wait_until(lambda: not self._of_dma(_DMA.to_kernel, _DMA.control) & _DMA.reset, deadline)
@@ -234,3 +254,45 @@ class Uio:
         """Close the files."""
         while self._files:
             os.close(self._files.pop())
+
+
+class Several:
+    """A `Transport` of `accelerator.client` to several kernels, each in hardware of its own. Raises as `Uio`, and
+    `InputError` where two are the same kernel."""
+
+    def __init__(self, places: Sequence[Places]) -> None:
+        self._of: dict[int, Uio] = {}
+        try:
+            for one in places:
+                link = Uio(one)
+                if link.kernel.number in self._of:
+                    link.close()
+                    raise InputError(f"{one.registers} is {link.kernel.name}, as another accelerator is")
+                self._of[link.kernel.number] = link
+        except BaseException:
+            self.close()
+            raise
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """The kernels, in the order of their places."""
+        return tuple(link.kernel.name for link in self._of.values())
+
+    def now(self) -> float:
+        """Time [s] of the processor's clock."""
+        return time.monotonic()
+
+    def exchange(self, data: bytes, deadline: float, wanted: Callable[[bytes], bool]) -> list[bytes]:
+        """As `Uio.exchange`, by the kernel that a request names; any says of one that there is not that it is none."""
+        try:
+            number = parse(data).kernel
+        except FrameError:
+            return []
+        link = self._of.get(number) or next(iter(self._of.values()), None)
+        return [] if link is None else link.exchange(data, deadline, wanted)
+
+    def close(self) -> None:
+        """Close the files of all."""
+        for link in self._of.values():
+            link.close()
+        self._of.clear()

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import platform
 import re
+import shutil
 import subprocess
 import tempfile
 from collections.abc import Sequence
@@ -25,10 +26,11 @@ class Size:
     stack: int | None
 
 
-def size_of(sources: Sequence[Path], command: Sequence[str], size: str = "size") -> Size:
+def size_of(sources: Sequence[Path], command: Sequence[str], size: str = "size", keep: Path | None = None) -> Size:
     """Size of sources as a compiler, `command` with its flags, makes them; `size` is binutils' program for its machine.
 
-    The stack is that of the deepest path in the graph of calls which GCC writes. Functions of libm are not in it.
+    Object files are moved to the folder `keep`. The stack is that of the deepest path in the graph of calls which GCC
+    writes. Functions of libm are not in it.
     """
     with tempfile.TemporaryDirectory() as place:
         names = [str(source.resolve()) for source in sources]
@@ -37,6 +39,9 @@ def size_of(sources: Sequence[Path], command: Sequence[str], size: str = "size")
         objects = [str(Path(place) / f"{source.stem}.o") for source in sources]
         rows = [line.split() for line in _run([size, *objects], place).splitlines()[1:]]
         graphs = [file.read_text(encoding="utf-8") for file in Path(place).glob("*.ci")]
+        if keep is not None:
+            for name in objects:
+                shutil.move(name, keep)
     code, data = (sum(int(row[column]) for row in rows) for column in (0, 1))
     return Size(code, data + sum(int(row[2]) for row in rows), _deepest("".join(graphs)) if tells else None)
 

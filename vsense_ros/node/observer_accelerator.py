@@ -8,7 +8,7 @@ from pydantic import BaseModel, Field
 
 from vsense_ros.accelerator.client import Client, Direct
 from vsense_ros.accelerator.device import Device
-from vsense_ros.accelerator.uio import Uio
+from vsense_ros.accelerator.uio import Places, Several
 from vsense_ros.errors import InputError
 from vsense_ros.messages.diagnostic import Diagnostic, Level
 from vsense_ros.model.vehicle import Vehicle
@@ -29,13 +29,18 @@ class AcceleratorParameters(BaseModel):
         "",
         description="what computes kernels of errorEKF or SPI, whose step is implicit then: the accelerator node over "
         "its topics, within this process NumPy or simulated hardware, in modelled time, or the hardware of a Zynq "
-        "(/dev/uio0, uio1, udmabuf0: hw/README.md); empty: none",
+        "(/dev/uio0, uio1, udmabuf0, of a second kernel uio2, uio3, udmabuf1 …: hw/README.md); empty: none",
     )
     accelerator_kernels: tuple[str, ...] = Field(
         ("solve14",), description="which: solve14, suspension_motion, body_mass; of the full car solve56, body_mass"
     )
     accelerator_deadline: float = parameter(
-        0.002, "s", "longest wait for the accelerator; over topics with use_sim_time: 1 s", gt=0, le=1
+        0.0,
+        "s",
+        "longest wait for the accelerator; 0: twice the longest of 20 requests at the start, from 0.5 to 4 ms; over "
+        "topics with use_sim_time: 1 s",
+        ge=0,
+        le=1,
     )
 
 
@@ -53,24 +58,25 @@ class Accelerator(Extension):
                 f"parameter accelerator is {p.accelerator!r} with the filter {p.filter!r}; an accelerator computes "
                 f"kernels of {', '.join(ACCELERATED)} alone: leave filter empty, or accelerator"
             )
-        self._link: TopicLink | Uio | None = None
+        self._link: TopicLink | Several | None = None
         self._at = None
+        deadline = p.accelerator_deadline or None
         if p.accelerator == "topics":
             is_replay = bool(node.get_parameter("use_sim_time").value)
             self._link = TopicLink(node)
-            self._client = Client(self._link, deadline=_REPLAY_DEADLINE if is_replay else p.accelerator_deadline)
+            self._client = Client(self._link, deadline=_REPLAY_DEADLINE if is_replay else deadline)
         elif p.accelerator == "uio":
-            self._link = link = Uio()
-            if p.accelerator_kernels != (link.kernel.name,):
+            self._link = link = Several([Places.numbered(k) for k in range(len(p.accelerator_kernels))])
+            if set(p.accelerator_kernels) != set(link.names):
+                names = ", ".join(link.names)
                 link.close()
                 raise InputError(
-                    f"parameter accelerator_kernels is {', '.join(p.accelerator_kernels)}, and {link.places.registers} "
-                    f"is {link.kernel.name}: name that alone"
+                    f"parameter accelerator_kernels is {', '.join(p.accelerator_kernels)}, and the hardware has {names}"
                 )
-            self._client = Client(link, deadline=p.accelerator_deadline)
+            self._client = Client(link, deadline=deadline)
         else:
             direct = Direct(Device(p.accelerator, p.accelerator_kernels))
-            self._client, self._at = Client(direct, deadline=p.accelerator_deadline), direct.at
+            self._client, self._at = Client(direct, deadline=deadline), direct.at
 
     @classmethod
     def is_wanted(cls, parameters: Any) -> bool:
@@ -87,6 +93,7 @@ class Accelerator(Extension):
         values = {name: str(number) for name, number in client.counts.items()}
         values |= {"clocks of a result": str(client.compute_cycles), "of the link": str(client.link_cycles)}
         values |= {"fallback": str(client.fallbacks), "longest wait [ms]": f"{1e3 * client.longest:.2f}"}
+        values["deadline [ms]"] = f"{1e3 * client.deadline:.2f}"
         if client.is_off:
             return [
                 Diagnostic("use of accelerator", Level.WARN, "not asked any more: the processor does the work", values)

@@ -104,6 +104,13 @@ class RowCombiner:
     COLUMNS: ClassVar[int] = 64
     WORK: ClassVar[int] = 64  # the first row that is not of the matrix
     name: ClassVar[str] = "row_combiner"
+    top: ClassVar[str] = "row_combiner"
+    number: ClassVar[int] = 5
+    size: ClassVar[int] = 64  # columns of the largest matrix
+    words_in: ClassVar[int] = 0  # a request is as long as its program
+    words_out: ClassVar[int] = 0
+    table_words: ClassVar[int] = 0
+    parameters: ClassVar[dict[str, int]] = {"L": 16}
     variants: ClassVar[dict[str, dict[str, int]]] = {"8 lanes": {"L": 8}, "16 lanes": {"L": 16}}
     _READ: ClassVar[int] = 3  # clocks until what was read has been turned to where it goes
     _GAP: ClassVar[int] = 4
