@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import signal
 import struct
 import time
@@ -16,7 +17,7 @@ from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import Imu, TimeReference
 from std_msgs.msg import String
 
-from vehicle.workshop import Workshop, check
+from vehicle.workshop import CAR, Workshop, check
 from vsense_ros.bag import read_bag, read_whole_bag
 from vsense_ros.node.convert import message_type
 from vsense_ros.node.rosbag2 import service_type
@@ -147,6 +148,18 @@ def snapshot(shop: Workshop) -> str:
     length = 1e-9 * int(times[-1] - times[0])
     assert 0.8 <= length <= 1.05, length
     return f"{len(times)} of 300 messages, {length:.2f} s"
+
+
+@check("a replay waits for readers of measurements, and for none of reference/*")
+def nobody_compares(shop: Workshop) -> str:
+    drive = shop.drive(2.0)
+    assert any(topic.startswith("reference/") for topic in read_bag(drive).channels)
+    shop.start("observer", vehicle=CAR, use_sim_time=True).wait_until_active()
+    replay = shop.start("replay", bag=str(drive), consumers=1, rate=4.0)
+    assert replay.wait_until_ended(60.0) == 0
+    waited = re.findall(r"waited .*", replay.output)
+    assert not any("reference/" in text for text in waited), waited
+    return "no reader of reference/* was missed"
 
 
 @check("the services of rosbag2's player steer the replay; a rate after a seek does not jump back")

@@ -297,7 +297,9 @@ class Replay(SensingNode[ReplayParameters]):
         clock_due = 0.0
         while True:
             missing = [what for what, ready in self._waiting_for if not ready()]
-            missing += [f"a subscriber of {topic}" for topic in self.outputs.unheard]
+            # What is true of a drive is for comparison: a recorder may take it, an observer does not.
+            unheard = [topic for topic in self.outputs.unheard if not topic.startswith("reference/")]
+            missing += [f"a subscriber of {topic}" for topic in unheard]
             if consumers and time.monotonic() >= clock_due:  # each answer of a consumer ends the wait below
                 self._publish_clock(self._now)
                 clock_due = time.monotonic() + SETTINGS.look_every
