@@ -157,7 +157,7 @@ def judge(row: Row, run: Run, clean: Run, *, noticeable: bool) -> RowOutcome:
         v_lat=float(error.max(initial=0.0)),
         sigmas=float(sigmas.max(initial=0.0)),
         in_sigma=not bool((outside & (error > LATERAL)).any()),
-        ok_outside=max((t[end - 1] - t[first] for first, end in stretches(outside & ok)), default=0.0),
+        ok_outside=max((float(t[end - 1] - t[first]) for first, end in stretches(outside & ok)), default=0.0),
         named=named if noticeable else None,
         said=said,
         right_out=out.get(worst, 0.0),
@@ -232,7 +232,7 @@ def summary(outcomes: Sequence[RowOutcome]) -> dict[str, float]:
     noticed = [one for one in outcomes if one.named is not None]
 
     def percent(of: Sequence[RowOutcome], holds: Callable[[RowOutcome], bool]) -> float:
-        return 100.0 * sum(map(holds, of)) / max(len(of), 1)
+        return 100.0 * sum(map(holds, of)) / len(of) if of else 100.0
 
     return {
         "rows": len(outcomes),

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from collections import Counter
 from dataclasses import replace
 from itertools import chain, product
@@ -146,6 +147,8 @@ def test_a_row_is_judged_by_error_deviation_headline_name_and_right_sensors() ->
     claimed = fault_outcomes.judge(row, _run(0.2, 0.05, Level.OK), clean, noticeable=False)
     assert claimed.ok_outside > 8.0
     assert not claimed.holds
+    (written,) = json.loads(json.dumps(fault_outcomes.as_json([claimed]))).values()
+    assert written["holds"] is False
     unnamed = fault_outcomes.judge(row, _run(0.0, 0.1, Level.OK), clean, noticeable=True)
     assert unnamed.named is False
     assert not unnamed.holds
