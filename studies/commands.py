@@ -429,6 +429,41 @@ def faults(sample: int, seed: int, only: str, processes: int | None, out: Path) 
 
 
 @main.command()
+@click.argument("recordings", nargs=-1, type=click.Path(path_type=Path))
+@click.option("--vehicle", metavar="FILE", default="prototype_model", show_default=True, help="Where searches begin.")
+@click.option("--out", type=NEW_FILE, default=Path("out/limit.json"), show_default=True, help="File.")
+def limit(recordings: tuple[Path, ...], vehicle: str, out: Path) -> None:
+    """Compare the side slip of observers and of simpler ways on drives to the limit of the tyres.
+
+    Each is identified on other drives than it is compared on. Without RECORDINGS drives of the full car on other tyres
+    are made, which takes minutes once; they are kept beside FILE. RECORDINGS are those of one real car, with a
+    reference; one that is not there is left out.
+
+    \b
+    Examples:
+      python -m studies limit
+      python -m studies limit niki/Low_Speed niki/High_Speed --vehicle niki.yaml --out out/limit_niki.json
+    """
+    from studies import limit as job
+    from vsense_ros.bag.importers import import_recording
+    from vsense_ros.evaluate.terminal import console, progress, say
+
+    there = [path for path in recordings if path.exists()]
+    for path in recordings:
+        if path not in there:
+            say(f"Left out, as it is not here: {path}.")
+    if recordings and len(there) < 2:
+        say("Nothing is compared: it takes two recordings, to identify on others than are estimated.")
+        return
+    with progress("driving, identifying and estimating") as done:
+        drives = [import_recording(path) for path in there] if there else job.generated(out.with_suffix(""))
+        results = job.compare_all(drives, load_car(vehicle), done)
+    job.write(results, out)
+    job.show(results, console())
+    say(f"Written to {out}.")
+
+
+@main.command()
 @click.option("--out", type=NEW_FOLDER, default=Path("bags"), show_default=True, help="Folder.")
 def bags(out: Path) -> None:
     """Generate the manoeuvre bags of the repository again, bit by bit.
