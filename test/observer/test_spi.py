@@ -283,7 +283,9 @@ def test_a_parameter_at_its_bound_is_a_warning(vehicle: Vehicle) -> None:
         return diagnostic.level.name, diagnostic.message
 
     assert said()[0] == "OK"
+    assert observer.adapter.doubts == []
     spi.values[:] = 710.0
+    assert observer.adapter.doubts == ["a number of the car is at its bound: chassis.mass = 710"]  # of the headline
     assert said() == (
         "WARN",
         "at its bound: chassis.mass = 710; something else differs; determined so far: nothing; not yet: chassis.mass",

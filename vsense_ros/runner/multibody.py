@@ -355,6 +355,11 @@ class CarAdapter(Adapter):
     def doubt(self, sensor: str) -> str:
         return self.tilt.sentence() if sensor == self.tilt.sensor else ""
 
+    @property
+    def doubts(self) -> list[str]:
+        stuck = _at_bounds(self.filter) if isinstance(self.filter, Spi) else ""
+        return [f"a number of the car is at its bound: {stuck}"] if stuck else []
+
     def diagnostics(self) -> list[Diagnostic]:
         lines = [Diagnostic("effects", Level.WARN, self.left_out)] if self.left_out else []
         if absent := needs(undetermined(self.car, self.filter.belief().covariance)):
@@ -378,6 +383,12 @@ def _channel(name: str, sensor: SensorBase) -> Channel:
     return Channel(name, limit, None if part is None else part.start)
 
 
+def _at_bounds(spi: Spi) -> str:
+    """Parameters that are at their bounds, with their values; empty for none."""
+    value = dict(zip(spi.parameter_names, spi.values.tolist(), strict=True))
+    return ", ".join(f"{name} = {value[name]:.4g}" for name in spi.at_bounds())
+
+
 def _parameters(spi: Spi) -> Diagnostic:
     """One line about the parameters that an SPI estimates."""
     seen = spi.observability()
@@ -390,9 +401,7 @@ def _parameters(spi: Spi) -> Diagnostic:
     if closest.max(initial=0.0) > SETTINGS.alike:
         i, j = np.unravel_index(closest.argmax(), closest.shape)
         values["hard to distinguish"] = f"{seen.names[i]} and {seen.names[j]} ({seen.correlation[i, j]:+.2f})"
-    if stuck := spi.at_bounds():
-        value = dict(zip(spi.parameter_names, spi.values.tolist(), strict=True))
-        words = ", ".join(f"{name} = {value[name]:.4g}" for name in stuck)
+    if words := _at_bounds(spi):
         return Diagnostic("parameters", Level.WARN, f"at its bound: {words}; something else differs; {seen}", values)
     return Diagnostic("parameters", Level.OK, str(seen), values)
 
