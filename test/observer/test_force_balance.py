@@ -29,7 +29,9 @@ def test_on_a_drive_without_faults_they_do(vehicle, lane_change):
     observer = estimated(Runner(vehicle, lane_change.map_origin), messages(lane_change))
     assert told(observer).level is Level.OK
     assert len(told(observer).values) == 6
-    assert all(float(share) < 8 for share in told(observer).values.values())
+    shares = [float(share) for share in told(observer).values.values()]
+    assert max(shares) < 8
+    assert told(observer).message == f"tyre forces add up to what imu feels, to {max(shares):.0f} %"
 
 
 @pytest.mark.parametrize("axis", exam_except([0, 2], 2))

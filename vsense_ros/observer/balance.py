@@ -177,4 +177,6 @@ class Balance:
         if exceeded and self._since > MEMORY:
             text = f"tyre forces do not add up to what {self.sensor} feels: {', '.join(exceeded)} off"
             return Diagnostic("balance of forces", Level.WARN, text, values)
-        return Diagnostic("balance of forces", Level.OK, f"tyre forces add up to what {self.sensor} feels", values)
+        worst = 100 * float(mean[comparable].max(initial=0.0))
+        text = f"tyre forces add up to what {self.sensor} feels, to {worst:.0f} %"
+        return Diagnostic("balance of forces", Level.OK, text, values)
