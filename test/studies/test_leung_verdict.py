@@ -2,12 +2,17 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
 import numpy as np
 import pytest
 
-from studies import leung
+from studies import leung, leung_experiments
+from studies.leung_models import COLUMNS_5_3
 from studies.leung_verdict import Cause, Shape, judged, show
 from vsense_ros.evaluate.terminal import PlainConsole
+from vsense_ros.files.installed import vehicle_path
+from vsense_ros.files.vehicle import load_vehicle
 
 
 def within(ours: float, printed: float, extent: float, shape: Shape) -> bool:
@@ -59,3 +64,14 @@ def test_every_cause_is_of_a_table_and_a_column_that_exist() -> None:
         assert cause.table in leung.NAMES
         if cause.table in leung.TABLES:
             assert any(cause.column in column.title for column in leung.TABLES[cause.table].columns)
+
+
+def test_every_experiment_is_of_a_figure_that_the_thesis_prints_and_changes_one_plant(tmp_path: Path) -> None:
+    for change, figures in leung_experiments.EXPERIMENTS:
+        file = leung_experiments.plant_with(change.numbers, tmp_path)
+        values = load_vehicle(vehicle_path(file)).values()
+        assert all(values[name] == pytest.approx(value) for name, value in change.numbers.items())
+        for table, row, column in figures:
+            assert row in leung.ROWS
+            titles = [c.title for c in leung.TABLES[table].columns] if table in leung.TABLES else COLUMNS_5_3
+            assert column in titles

@@ -1,0 +1,168 @@
+"""What figures of the tables of Leung 2010 depend on: plant or sensors with one thing changed, one drive each.
+
+The plant is not the thesis's. Some of its properties were fitted to figures of the thesis; these experiments take them
+back one by one, and show which figures they move.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+
+import numpy as np
+from rich.table import Table
+
+from studies import leung, leung_models
+from studies.leung_study import estimate
+from vsense_ros.assess.drives import PLANT, Case, Errors, digest, drive_plant, trajectory
+from vsense_ros.evaluate.terminal import plain_table
+from vsense_ros.files.installed import vehicle_path
+from vsense_ros.files.vehicle import load_vehicle, save_vehicle
+from vsense_ros.model.coordinates import SPEED_X, SPEED_Y, STEERING
+
+
+@dataclass(frozen=True)
+class Change:
+    """What is changed, in words: physical numbers of the plant by their dotted names, or errors of the sensors."""
+
+    words: str
+    numbers: Mapping[str, float] = field(default_factory=dict)
+    errors: Errors = leung.ON_THE_BUS
+    noise: float = 1.0  # factor on that of all sensors
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """A figure of a table: printed, ours, and with a change."""
+
+    change: str
+    table: str
+    row: str
+    column: str
+    printed: float
+    ours: float
+    changed: float
+
+
+def _both(numbers: Mapping[str, float]) -> dict[str, float]:
+    return {f"{axle}.{name}": value for axle in ("front", "rear") for name, value in numbers.items()}
+
+
+def _curves(front: Sequence[float], rear: Sequence[float]) -> dict[str, float]:
+    """Lateral curves of both axles: maximum [N], slip there and sliding force [N] at the nominal load, the same at
+    twice that, and the initial slope there [N]."""
+    names = [f"{load}.{one}" for load in ("nominal", "double") for one in ("maximum", "slip_at_maximum", "sliding")]
+    names.append("double.initial_slope")
+    return {
+        f"{axle}.tyre.lateral.{name}": value
+        for axle, values in (("front", front), ("rear", rear))
+        for name, value in zip(names, values, strict=True)
+    }
+
+
+# Slips at the maxima are 1.3 times the least that the initial slope allows: a linear share bends the curves at once.
+_BENT = _curves((4950, 0.17, 4500, 9300, 0.2, 8500, 131e3), (4350, 0.16, 3960, 8180, 0.19, 7480, 125e3))
+# Maxima are 1.6 times the loads.
+_STRAIGHT = _curves(
+    (7760, 0.2066, 7060, 14590, 0.1992, 13280, 150.9e3), (6820, 0.1905, 6210, 12830, 0.1838, 11670, 143.85e3)
+)
+
+# By the change, which figures are looked at: table, row, title of the column.
+EXPERIMENTS: Sequence[tuple[Change, tuple[tuple[str, str, str], ...]]] = (
+    (
+        Change("the rolling radius depends on the load", _both({"dynamic_radius_factor": 2 / 3})),
+        (("4.4", "DO35", "psi of wheels b2 N"), ("4.5", "DO35", "v_x of wheels R")),
+    ),
+    (
+        Change("axles as stiff as their tyres", _both({"cornering_scale": 1.0})),
+        (("4.2", "DO45", "beta of fix N"), ("4.2", "LC35", "beta of fix N"), ("4.2", "DO45", "v_y N")),
+    ),
+    (
+        Change("tyres that bend from the start", _BENT),
+        (("5.3", "DO35", "beta clean"), ("5.3", "DO45", "beta clean"), ("5.4", "DO45", "beta 2c N")),
+    ),
+    (
+        Change("tyres that hardly bend", _STRAIGHT),
+        (
+            ("5.3", "DO45", "beta clean"),
+            ("5.3", "DO55", "beta clean"),
+            ("4.2", "DO55", "beta of fix N"),
+            ("5.4", "DO55", "beta 2c N"),
+        ),
+    ),
+    (
+        Change("a body that hardly rolls", _both({"antiroll_stiffness": 5e5})),
+        (("4.2", "DO45", "v_y N"), ("4.2", "DO35", "v_y N")),
+    ),
+    (
+        Change("no CAN bus", errors=replace(leung.ON_THE_BUS, bus=None)),
+        (("4.2", "DO45", "psi N"), ("4.2", "LC35", "psi N")),
+    ),
+    (
+        Change("sensors without noise", noise=0.0),
+        (("4.2", "LC35", "v_y N"), ("5.4", "DO45", "beta 2c N"), ("5.4", "LC35", "beta 2c N")),
+    ),
+)
+
+
+def outcomes(store: Path, progress: Callable[[float], None] = lambda share: None) -> list[Outcome]:
+    """Each figure with and without its change, of the first seed. Plants are kept in `store`."""
+    unchanged = Change("")
+    found = []
+    wanted = [(change, *figure) for change, figures in EXPERIMENTS for figure in figures]
+    for i, (change, table, row, column) in enumerate(wanted):
+        pair = [_figure(one, table, row, column, store) for one in (unchanged, change)]
+        found.append(Outcome(change.words, table, row, column, _printed(table, row, column), *pair))
+        progress((i + 1) / len(wanted))
+    return found
+
+
+def plant_with(numbers: Mapping[str, float], store: Path) -> str:
+    """Name of the plant with other physical numbers: the path of its file."""
+    if not numbers:
+        return PLANT
+    original = vehicle_path(PLANT)
+    content = digest(original.read_text(encoding="utf-8"), repr(sorted(numbers.items())))
+    file = store / f"{PLANT}_{content}.yaml"
+    if not file.exists():
+        store.mkdir(parents=True, exist_ok=True)
+        save_vehicle(file, load_vehicle(original).with_parameters(dict(numbers)))
+    return str(file)
+
+
+def _figure(change: Change, table: str, row: str, column: str, store: Path) -> float:
+    name, manoeuvre = plant_with(change.numbers, store), leung.ROWS[row]
+    if table == "5.3":
+        return _clean(name, manoeuvre, store)
+    one = next(c for c in leung.TABLES[table].columns if c.title == column)
+    case = Case(manoeuvre, 0, change.errors, plant=name, noise=change.noise)
+    score = estimate(one.filter, drive_plant(manoeuvre, name, store), case)[one.quantity]
+    return float(100 * score["rmse"] / (score["range"] if one.kind == "N" else 1.0))
+
+
+def _clean(plant: str, manoeuvre: str, store: Path) -> float:
+    """NRMSD of the side slip of the 2DoF model with perfect inputs [%]."""
+    drive = trajectory(manoeuvre, plant, store)
+    speed = np.hypot(drive.u[:, SPEED_X], drive.u[:, SPEED_Y])
+    numbers = leung_models.numbers_of(load_vehicle(vehicle_path(plant)))
+    errors = leung_models.bicycle_errors(numbers, drive.inputs[:, STEERING], speed, leung_models.truth_of(drive))
+    return float(errors["side_slip"][0])
+
+
+def _printed(table: str, row: str, column: str) -> float:
+    if table == "5.3":
+        return leung_models.PRINTED_5_3[row][leung_models.COLUMNS_5_3.index(column)]
+    columns = [one.title for one in leung.TABLES[table].columns]
+    return float(leung.TABLES[table].printed[row][columns.index(column)] or np.nan)
+
+
+def table(found: Sequence[Outcome]) -> Table:
+    """For the terminal."""
+    heads = ("table", "row", "figure", "thesis", "ours", "changed")
+    made = plain_table("change", *heads, right=heads[3:])
+    for one in found:
+        made.add_row(
+            one.change, one.table, one.row, one.column, f"{one.printed:.3g}", f"{one.ours:.3g}", f"{one.changed:.3g}"
+        )
+    return made
