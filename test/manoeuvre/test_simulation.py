@@ -121,6 +121,14 @@ def test_a_coasting_car_loses_speed_to_rolling_resistance_and_air(plant):
     assert motion.u[-1, 0] == pytest.approx(speed, abs=0.02)
 
 
+@pytest.mark.parametrize(("axle", "driven"), [("front", [0, 1]), ("rear", [2, 3]), ("all", [0, 1, 2, 3])])
+def test_a_car_is_driven_at_the_axle_that_its_file_states(plant, axle, driven):
+    """At a constant speed these wheels overcome the drag, and all others are dragged along."""
+    car = plant.model_copy(update={"drivetrain": plant.drivetrain.model_copy(update={"driven": axle})})
+    force = steered(car, 25.0, 0.0, 4.0).wheels[-1, 0]
+    assert (force > 0).tolist() == [wheel in driven for wheel in range(4)]
+
+
 def test_without_slip_damping_or_resistance_a_bouncing_car_keeps_its_energy(plant):
     """In the air nothing but gravity acts: the sum of potential and kinetic energy of the whole car stays."""
     q, u = rolling_straight(plant, 10.0)

@@ -76,12 +76,13 @@ def steady_steering(vehicle: Vehicle, speed: float, lateral_acceleration: float)
 
 
 class Pedals:
-    """Wheel torques for a wanted acceleration: driven at the rear, braked at all wheels."""
+    """Wheel torques for a wanted acceleration: driven as the vehicle file says, at the rear if it does not, and braked
+    at all wheels."""
 
     def __init__(self, vehicle: Vehicle) -> None:
         self._mass = vehicle.physics.chassis.mass
         self._radii = rolling_radii(vehicle)
-        self._drive = np.array([0.0, 0.0, 0.5, 0.5])
+        self._drive = np.array(vehicle.drivetrain.driving_shares or (0.0, 0.0, 0.5, 0.5))
         self._brake = 0.5 * np.array([DRIVER.front_brake_share] * 2 + [1 - DRIVER.front_brake_share] * 2)
 
     def torques(self, acceleration: float, u: Array) -> Array:
