@@ -92,12 +92,13 @@ def driven(twin: Twin) -> NDArray[np.bool_]:
     arms = np.array([to_front, to_front, to_front - PAPER["wheelbase"], to_front - PAPER["wheelbase"]])
     ahead = speed + turning * PAPER["half_track"] * np.array([-1, 1, -1, 1])
     left = across + turning * arms
-    angle = np.column_stack([twin.inputs[:, 0]] * 2 + [np.zeros(len(twin.inputs))] * 2)
+    steering, *spins = twin.inputs.T
+    angle = np.column_stack([steering, steering, np.zeros_like(steering), np.zeros_like(steering)])
     along = ahead * np.cos(angle) + left * np.sin(angle)
     along, sideways = np.maximum(along, 2.0), left * np.cos(angle) - ahead * np.sin(angle)
     slip = {
         "lateral": np.abs(sideways / along),
-        "longitudinal": np.abs(PAPER["wheel_radius"] * twin.inputs[:, 1:] / along - 1),
+        "longitudinal": np.abs(PAPER["wheel_radius"] * np.column_stack(spins) / along - 1),
     }
     reached = []
     for name in REACH:

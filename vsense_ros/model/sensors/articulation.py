@@ -9,7 +9,7 @@ import numpy as np
 
 from vsense_ros.model.motion import Motion
 from vsense_ros.model.parameter import parameter
-from vsense_ros.model.sensors.base import Bias, JointSensor, MeasuredQuantity, Names, Vector
+from vsense_ros.model.sensors.base import Bias, JointSensor, MeasuredQuantity, Names, Quantity, Vector
 from vsense_ros.model.sensors.simulated import Sampling
 
 
@@ -22,6 +22,9 @@ class Articulation(JointSensor):
     place: ClassVar[int] = 90
     words: ClassVar[str] = "an articulation angle of the trailer"
     measures: ClassVar[frozenset[MeasuredQuantity]] = frozenset({"articulation"})
+    quantities: ClassVar[tuple[Quantity, ...]] = (
+        Quantity("angle", "rad", "from the car's heading to the trailer's, positive to the left"),
+    )
     of_trailer: ClassVar[bool] = True
     sampling: ClassVar[Sampling | None] = Sampling(20, 4, 10, (2**-12,))
 
