@@ -437,9 +437,9 @@ class TestPrograms:
         elif way == "unmarked":  # words follow its end
             assert here.offer(np.append(wrong, wrong[:5])) == wrong.size + 5
         else:
-            assert here.offer(wrong[:30], last=-1) == 30
+            assert here.offer(wrong[:10], last=-1) == 10  # amid the terms
             here.write("CONTROL", BIT["CONTROL.abort"])
-            assert here.offer(wrong[30:]) == wrong.size - 30
+            assert here.offer(wrong[10:]) == wrong.size - 10
         assert here.read("STATUS") == (Status.FAULT if way == "aborted" else Status.WRONG_SIZE)
         for program in programs(random):
             words = program.end(0, 20)

@@ -32,3 +32,14 @@ def test_the_smallest_variant_has_the_resources_on_record() -> None:
     assert (found["dsp"], found["bram"]) == (expected["dsp"], expected["bram"])
     for name in ("lut", "ff"):  # which differ a little from one release of Yosys to the next
         assert found[name] == pytest.approx(expected[name], rel=0.1)
+
+
+def test_the_table_of_resources_in_the_readme_is_what_was_recorded() -> None:
+    known, listed = recorded_resources(), set()
+    for line in (ROOT / "hw" / "README.md").read_text(encoding="utf-8").splitlines():
+        cells = [cell.strip("* ") for cell in line.strip("|").split("|")]
+        if len(cells) == 8 and (name := f"{cells[0]}/{cells[1]}") in known:
+            shown = [int(cell.replace(",", "")) for cell in cells[4:]]
+            assert shown == [known[name][kind] for kind in ("dsp", "lut", "ff", "bram")], name
+            listed.add(name)
+    assert listed == known.keys()
