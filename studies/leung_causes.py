@@ -27,6 +27,11 @@ _LINE = (
     "right turn. Why it is the other way round in the thesis is not known."
 )
 
+_USED_ONCE = (
+    "The thesis takes the heading of the gyro in bends, a hundred times a second, for new each time. Here all these "
+    "uses weigh as much as one; used as there, it errs as printed or less (--causes)."
+)
+
 _FIXES = {"4.2": ("beta", "v_y"), "4.3": ("beta", "v_y"), "4.6": ("v_y",)}
 _MODELS = {"5.3": ("beta",), "5.4": ("beta",), "5.5": ("beta",)}
 
@@ -36,6 +41,8 @@ def _of(columns: Mapping[str, tuple[str, ...]], row: str, words: str) -> list[Ca
 
 
 CAUSES: list[Cause] = [
+    Cause("4.6", "psi of wheels c", ("DO",), _USED_ONCE),
+    Cause("5.5", "beta triple b", ("LC",), _RANGE),
     *_of(dict.fromkeys(("4.2", "4.3", "4.4", "4.6"), ("psi",)), "LC", _WINDOW),
     *_of(_FIXES | _MODELS, "DO55", _LIMIT),
     *_of(_FIXES, "DO15", _NOISE),

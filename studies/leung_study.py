@@ -35,7 +35,7 @@ from vsense_ros.files.atomic import in_place_of
 from vsense_ros.manoeuvre import MANOEUVRES
 from vsense_ros.navigation.catalogue import FILTERS
 from vsense_ros.navigation.motion import Motions
-from vsense_ros.navigation.space import MOTION
+from vsense_ros.navigation.space import MOTION, Definition
 
 Array = NDArray[np.float64]
 
@@ -43,15 +43,16 @@ Array = NDArray[np.float64]
 PLANT_SECONDS, FILTER_SECONDS = 0.05, 0.01
 
 
-def estimate(name: str, truth: Truth, case: Case) -> dict[str, Any]:
+def estimate(name: str, truth: Truth, case: Case, definition: Definition | None = None) -> dict[str, Any]:
     """What a filter makes of a case, and how far that is from the truth: by quantity RMSE and range of the truth, over
-    the whole run and when settled; normalized errors squared of side slip and yaw; final parameters."""
+    the whole run and when settled; normalized errors squared of side slip and yaw; final parameters. Without a
+    `definition` the filter is that of the catalogue by this name."""
     if name == leung_observers.BOUND:
         case = replace(case, noise=0.0, errors=replace(case.errors, bus=None))
     read = readings(truth, case)
     if name in leung_observers.OBSERVERS:
         return leung_observers.estimate(name, truth, case, read)
-    motions, at = follow(name, truth, case, read)
+    motions, at = follow(name, truth, case, read, definition=definition)
     return _scores(motions, truth, at, read, case.errors)
 
 
