@@ -19,11 +19,21 @@ MEASURED = ({"position"}, {"ground speed", "course"}, {"rolling speed"}, {"yaw r
 class SmallAdapter:
     """Compares places and velocities on the map, and can be moved in both."""
 
+    turn: Move | None = None
+    unused: str = ""
+    sensors = dict.fromkeys(("position", "velocity", "wheels", "gyro"))
+
+    def uses(self, sensor: str) -> bool:
+        return sensor != self.unused
+
     def __init__(self, moves: bool = True) -> None:
         self._moves = moves
 
     def difference(self, event: SimpleNamespace, innovation: object) -> object:
         return event.difference
+
+    def turned(self, sensor: SimpleNamespace) -> Move | None:
+        return self.turn
 
     def moves(self, sensor: SimpleNamespace, difference: np.ndarray, deviation: np.ndarray) -> list[Move]:
         return [Move(i, float(difference[i]), float(deviation[i])) for i in range(2)] if self._moves else []
@@ -145,3 +155,23 @@ def test_a_sensor_is_alone_where_all_others_that_measure_the_same_are_refused_or
     assert not silent.is_alone(VELOCITY)  # a place that goes on contradicts a speed
     intake.sensors[POSITION].is_input = True
     assert silent.is_alone(VELOCITY)
+
+
+def test_a_sensor_that_the_filter_does_not_use_contradicts_nothing() -> None:
+    made, intake = resets()
+    for index in (POSITION, WHEELS):
+        intake.health[index].refused_in_a_row = 0 if index == POSITION else 1
+    assert not made.is_alone(VELOCITY)
+    made._adapter.unused = "position"  # type: ignore[attr-defined]
+    assert made.is_alone(VELOCITY)
+
+
+def test_velocities_that_differ_by_an_angle_turn_the_filter_and_do_not_move_it() -> None:
+    made, intake = resets()
+    made._adapter.turn = Move(2, np.radians(13.0), 0.05)  # type: ignore[attr-defined]
+    for speed in (3.0, 6.0, 9.0, 12.0, 15.0):  # along a course that changes
+        made.refused(refused(VELOCITY, 0.2 * speed * np.cos(speed), 0.2 * speed * np.sin(speed), deviation=0.1), None)
+    assert made.ask(refused(VELOCITY), 7, "gps/velocity")
+    assert list(made.asked()) == [made._adapter.turn]  # type: ignore[attr-defined]
+    assert made.reported == [(7, "heading turned by 13° to that of gps/velocity")]
+    assert intake.health[VELOCITY].refused_in_a_row == 0

@@ -68,6 +68,7 @@ class Aided(Filter):
                 self.reckoning = Reckoning(axes, list(self.driving), numbers)
         self.inputs, self.names, self.sensors = self.filter.inputs, self.filter.names, tuple(sensors)
         self._of_axes: OfAxes | None = None  # made when it is needed
+        self._of_measurements: OfMeasurements | None = None  # likewise
         names_of_parts = [system.inputs for system, _ in definition.parts.values()]
         self._noise = [_variances(names, numbers) for names in names_of_parts]
         self._reckoned = [_inertial_inputs(names) for names in names_of_parts]
@@ -250,7 +251,7 @@ class Aided(Filter):
         if self.since_fix is not None and sensor in self.fixes and accepted and isfinite(value[0]):
             self.inputs[self.since_fix] = 0.0
         for name, nothing, variances in use.conditions:
-            self.filter.correct(name, nothing, variances)
+            self.filter.correct(name, nothing, variances + self._variance_of_reckoning(name))
         return Innovation(innovation.whitened, innovation.factor, worst, accepted)
 
     def _measure(
@@ -259,7 +260,16 @@ class Aided(Filter):
         value, variances = reading
         if not variances.all():  # of a sensor that the multibody car takes for an input without noise
             variances = np.where(variances > 0, variances, usual)
-        return self.filter.correct(name, value, variances, largest, scale)
+        return self.filter.correct(name, value, variances + self._variance_of_reckoning(name), largest, scale)
+
+    def _variance_of_reckoning(self, name: str) -> Array | float:
+        """Variances (m,) of a measurement by the axes that are reckoned, on which it depends; 0 without any."""
+        if self.reckoning is None or not self.reckoning.doubted.any():
+            return 0.0
+        if self._of_measurements is None:
+            self._of_measurements = OfMeasurements(self)
+        doubted = self.reckoning.doubted > 0
+        return self._of_measurements.variances(name, np.where(doubted, self.reckoning.variance, 0.0))
 
     def _correct_inertial(
         self, reckoning: Reckoning, sensor: str, value: Array, variance: Array, limit: float, scale: float
@@ -294,7 +304,7 @@ class Aided(Filter):
             worst = max(worst, _BEYOND * gate**2)
         self.refused = tuple(refused)
         for name, nothing, variances in use.conditions:
-            innovation = self.filter.correct(name, nothing, variances)
+            innovation = self.filter.correct(name, nothing, variances + self._variance_of_reckoning(name))
             whitened += innovation.whitened.tolist()
             deviations += innovation.factor.diagonal().tolist()
         self._deviations[:] = deviations
@@ -340,6 +350,32 @@ class OfAxes:
             for kernel, covariance in kernels:
                 kernel.call()
                 covariance += kernel.results[0]
+
+
+class OfMeasurements:
+    """What axes of an inertial sensor that are reckoned add to the variances of measurements in which they occur: the
+    velocity of an antenna depends on how fast the car turns."""
+
+    def __init__(self, filter: Aided) -> None:
+        self._slopes: dict[str, tuple[list[int], ca.Function, Any]] = {}  # axes, slopes (m, axes) by them, and the part
+        parts = zip(filter.definition.parts.items(), filters_of(filter.filter), strict=True)
+        for (part_name, (system, measurements)), part in parts:
+            symbols = Symbols(system)
+            places = [i for i, name in enumerate(system.inputs) if name in AXES]
+            for measurement in measurements:
+                measured, _ = symbols.measured(measurement)
+                slopes = ca.jacobian(measured, symbols.u.vector)[:, places]
+                if slopes.nnz():
+                    name = f"{part_name}.{measurement.name}" if filter.definition.is_cascade else measurement.name
+                    axes = [AXES.index(system.inputs[i]) for i in places]
+                    self._slopes[name] = axes, ca.Function("slopes", symbols.now, [ca.densify(slopes)]), part
+
+    def variances(self, name: str, of_axes: Array) -> Array | float:
+        """Variances (m,) of a measurement by those of the axes (6,), to first order."""
+        if name not in self._slopes:
+            return 0.0
+        axes, slopes, part = self._slopes[name]
+        return np.asarray(slopes(part.mean, part.inputs, parameters_of(part))) ** 2 @ of_axes[axes]
 
 
 def _places(make: Callable[[Array, Array], tuple[Array, Array]]) -> list[int]:

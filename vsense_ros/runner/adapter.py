@@ -220,6 +220,11 @@ class Adapter(ABC):
         `difference` (2,) is east and north."""
         return []
 
+    def turned(self, sensor: SensorBase) -> Move | None:
+        """The turn of the car that brings it to where refused velocities of a sensor say that it points: they differ
+        from what was expected by one angle, whatever the speed, and nothing else measures the heading; else None."""
+        return None
+
     def move(self, move: Move) -> None:
         """Let an element of the state jump; its error has no correlation afterwards."""
         raise NotImplementedError

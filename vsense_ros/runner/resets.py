@@ -68,16 +68,17 @@ class Resets:
         del kept[:-_KEPT]
 
     def is_alone(self, index: int) -> bool:
-        """True if no sensor that is believed measures what this one does; a speed is measured by positions, too, by
-        and by."""
+        """True if no sensor that the filter uses and believes measures what this one does; a speed is measured by
+        positions, too, by and by."""
         sensors, health = self._intake.sensors, self._intake.health
         measured = sensors[index].measures
         if measured & _SPEED:
             measured = measured | _MOTION
         others = (
             i
-            for i, sensor in enumerate(sensors)
-            if i != index and not sensor.is_input and sensor.measures & measured and self._intake.sends(i)
+            for i, (name, sensor) in enumerate(zip(self._adapter.sensors, sensors, strict=True))
+            if i != index and not sensor.is_input and sensor.measures & measured
+            if self._intake.sends(i) and self._adapter.uses(name)
         )
         return all(health[i].refused_in_a_row for i in others)
 
@@ -87,6 +88,11 @@ class Resets:
         sensor = self._intake.sensors[event.sensor]
         if not sensor.measures & {"position", "course"} or not self._adapter.moves(sensor, np.zeros(2), np.zeros(2)):
             return False
+        turn = self._adapter.turned(sensor)
+        if turn is not None:
+            self._asked.append(turn)
+            self._follow(event.sensor, now, f"heading turned by {np.degrees(turn.by):.0f}° to that of {name}")
+            return True
         apart = self._difference(event.sensor)
         if apart is None:
             return True  # refused on: what scatters so much is nowhere
@@ -94,10 +100,14 @@ class Resets:
         self._asked += self._adapter.moves(sensor, difference, deviation)
         far = float(np.hypot(*difference))
         what = f"position moved by {far:.1f} m" if "position" in sensor.measures else f"velocity moved by {far:.1f} m/s"
-        self._intake.health[event.sensor].refused_in_a_row = 0
-        self._differences.pop(event.sensor)
-        self.report(now, f"{what} to where {name} says it is")
+        self._follow(event.sensor, now, f"{what} to where {name} says it is")
         return True
+
+    def _follow(self, index: int, now: int, sentence: str) -> None:
+        """The filter follows a sensor, whose refused measurements are dealt with."""
+        self._intake.health[index].refused_in_a_row = 0
+        self._differences.pop(index)
+        self.report(now, sentence)
 
     def _difference(self, index: int) -> tuple[Array, Array] | None:
         """What the refused measurements say that the filter does not (2,), and its standard deviation (2,); None if
