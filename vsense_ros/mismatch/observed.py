@@ -48,6 +48,7 @@ class ObserverComparisonSettings:
     iterations: int = 3  # of that search: beyond them levels change by less than they matter
     further_iterations: int = 1  # of the search for the extended vehicle's, which begins where that one ended
     noteworthy: float = 0.003  # [nat] per message by which likelihoods differ for more than rounding
+    noteworthy_slip: float = 1.75e-5  # [rad] the same of side slips: a thousandth of a degree, as they are said
     worse: float = 1.05  # of an error against the reference, from where on it has grown
     # steps of Newton's method to the mounting of a reference, which is linear but for a small angle
     mounting_steps: int = 3
@@ -101,15 +102,14 @@ def comparison(
     progress()
     innovations_of = {name: [innovations for innovations, _ in of_car] for name, of_car in runs.items()}
     credible = _judged_by(innovations_of)
-    figures = {
-        name: ObserverFigures(
-            log_likelihood=_per_message(of, credible),
-            sensors=_by_sensor(of, innovations_of["as_it_was"], credible),
-            errors=outputs[name].errors,
-            reference=outputs[name].place,
-        )
-        for name, of in innovations_of.items()
-    }
+    figures = {}
+    for name, of in innovations_of.items():
+        sensors = _by_sensor(of, innovations_of["as_it_was"], credible)
+        whole = sum(one.messages * one.log_likelihood for one in sensors.values())
+        figures[name] = ObserverFigures(
+            log_likelihood=whole / max(_messages(credible), 1), sensors=sensors,
+            errors=outputs[name].errors, reference=outputs[name].place,
+        )  # fmt: skip
     result = ObserverComparison(
         recordings=tuple(one.name for one in judged), held_out=bool(held_out), messages=_messages(credible),
         improved=False, sentence="", **figures,
@@ -203,16 +203,6 @@ _Credible = Sequence[Mapping[str, NDArray[np.bool_]]]
 
 def _messages(credible: _Credible) -> int:
     return sum(int(of.sum()) for one in credible for of in one.values())
-
-
-def _per_message(of_recordings: _ByRecording, credible: _Credible) -> float:
-    """Log-likelihood of the measurements [nat], per message."""
-    whole = sum(
-        float(one[sensor].log_density()[of].sum())
-        for one, rows in zip(of_recordings, credible, strict=True)
-        for sensor, of in rows.items()
-    )
-    return whole / max(_messages(credible), 1)
 
 
 def _by_sensor(after: _ByRecording, before: _ByRecording, credible: _Credible) -> dict[str, SensorFigures]:
@@ -333,8 +323,9 @@ def _judged(compared: ObserverComparison) -> tuple[bool, str]:
     rival = was if kept else retuned
     gained, by_noise = (one.log_likelihood - was.log_likelihood for one in (extended, rival))
     rises = gained > COMPARISON.noteworthy
-    off = _changed(extended, rival)
-    by_model = off < 1 / COMPARISON.worse or (gained - by_noise > COMPARISON.noteworthy and off <= 1)
+    off, by_others = _slip(extended), _slip(rival)
+    likelier = gained - by_noise > COMPARISON.noteworthy
+    by_model = off < by_others / COMPARISON.worse or (likelier and off - by_others < COMPARISON.noteworthy_slip)
     grown = _grown(extended.errors, was.errors)
     figures = (
         f"on {on} the log-likelihood per message changes by {_signed(gained)}; other noise levels alone change it by "
@@ -367,13 +358,11 @@ def _grown(errors: Mapping[str, ObserverError], before: Mapping[str, ObserverErr
     ]
 
 
-def _changed(extended: ObserverFigures, retuned: ObserverFigures) -> float:
-    """The side slip's error with the extended file over that with other noise levels alone, with the mounting of the
-    reference fitted, as its constant says nothing of the observer; 1 without a reference."""
-    name = PROVING[0]
-    if name not in extended.errors or name not in retuned.errors:
-        return 1.0
-    return extended.errors[name].without_constant / max(retuned.errors[name].without_constant, 1e-12)
+def _slip(figures: ObserverFigures) -> float:
+    """The side slip's error [rad] with the mounting of the reference fitted, as its constant says nothing of the
+    observer; 0 without a reference."""
+    error = figures.errors.get(PROVING[0])
+    return 0.0 if error is None else error.without_constant
 
 
 def _signed(value: float) -> str:
