@@ -56,6 +56,16 @@ def test_of_a_car_without_a_lateral_accelerometer_its_gyro_shows_how_far_a_bend_
         assert degrees == pytest.approx(-np.degrees(bank), abs=2.0)
 
 
+@pytest.mark.filterwarnings("error")
+def test_windows_of_a_second_are_too_short_to_compare_how_a_gyro_and_the_course_turn():
+    dataset = residuals("bend").predictor.dataset
+    first = dataset.windows[0]
+    short = first.part(first.begin + 3.0, first.begin + 4.9, run_in=0.5, yaw_rate=0.0, lateral_velocity=0.0)
+    predictor = Predictor(prototype(), replace(dataset, windows=(short,)))
+    predictor.measured = [{name: signals[name] for name in ("yaw_rate", "course")} for signals in predictor.measured]
+    assert not seen_of_banks(Residuals(predictor))
+
+
 def test_an_antenna_beside_the_middle_and_a_tyre_radius_are_separated_by_bends_to_the_other_side():
     assert separated_by_other_side(("tyre radius", "effects.gnss_lever_arm.y"))
     assert separated_by_other_side(("tyre radius", "effects.wheel_radius.rr"))

@@ -147,8 +147,9 @@ def seen_of_banks(residuals: Residuals) -> str:
             step = float(np.diff(grid(window)[:2])[0])
             over = round(SETTINGS.turning_over / step)
             angle = cumulative_trapezoid(measured["yaw_rate"], dx=step, initial=0)
-            both = [np.unwrap(measured["course"]), angle]
-            turns.setdefault(window.name, []).append(np.array([of[over:] - of[:-over] for of in both]))
+            if len(angle) > over:
+                both = [np.unwrap(measured["course"]), angle]
+                turns.setdefault(window.name, []).append(np.array([of[over:] - of[:-over] for of in both]))
     ratios = {}
     for name, parts in turns.items():
         course, gyro = np.concatenate(parts, axis=1)
