@@ -101,8 +101,8 @@ def test_the_true_time_lies_in_its_interval_as_often_as_that_says(lasting):
         true = 6.0 + 0.1 * seed
         found = Made((true,), size=0.35, seed=seed, lasting=lasting).found()
         for begin in found.begins if found is not None else ():
-            held.append(begin.earliest <= true <= begin.latest)
-            widths.append(begin.latest - begin.earliest)
+            held.append(begin.interval_90[0] <= true <= begin.interval_90[1])
+            widths.append(np.diff(begin.interval_90)[0])
     assert len(held) >= 40
     assert np.mean(held) >= 0.85
     assert np.median(widths) < 2.0
@@ -118,7 +118,7 @@ def test_where_it_began_in_one_recording_and_lasts_in_the_next_it_begins_once():
     assert found is not None
     (begin,) = found.begins
     assert begin.recording == "drive 1"
-    assert begin.earliest <= 9.0 <= begin.latest
+    assert begin.interval_90[0] <= 9.0 <= begin.interval_90[1]
     assert found.size == pytest.approx(-0.6, rel=0.1)  # what is added to the model makes up for what is measured
 
 

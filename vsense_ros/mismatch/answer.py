@@ -13,7 +13,6 @@ from vsense_ros.identification.parameter_set import ParameterSet
 from vsense_ros.mismatch import onset as onsets
 from vsense_ros.mismatch.answer_schema import (
     BaseParameter,
-    Begin,
     EffectEntry,
     Errors,
     Onset,
@@ -218,10 +217,7 @@ def since(onset: onsets.Onset | None) -> Onset | None:
     (parameter,) = onset.candidate.free_parameters
     return Onset(
         looks_like=onset.candidate.effect, sentence=onset.candidate.sentence, where=onset.candidate.where,
-        value=onset.size, unit=parameter.unit, gain=onset.gain, gain_always=onset.always,
-        begins=tuple(
-            Begin(recording=one.recording, at=one.at, interval_90=(one.earliest, one.latest)) for one in onset.begins
-        ),
+        value=onset.size, unit=parameter.unit, gain=onset.gain, gain_always=onset.always, begins=onset.begins,
     )  # fmt: skip
 
 

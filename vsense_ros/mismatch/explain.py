@@ -103,7 +103,7 @@ class Explanation(Printable):
     def _write_road(self, path: Path) -> None:
         """A row for each place and effect of the road that was named."""
         rows = [
-            (effect.id, size.unit, *(_or_empty(getattr(point, key)) for key in PLACE), size.value + point.value)
+            (effect.id, size.unit, *(getattr(point, key) for key in PLACE), size.value + point.value)
             for effect in self.answer.accepted
             for size in effect.parameters[:1]
             for point in effect.profile or ()
@@ -111,10 +111,6 @@ class Explanation(Printable):
         if rows:
             with atomic_write(path) as file:
                 csv.writer(file).writerows([("effect", "unit", *PLACE, "value"), *rows])
-
-
-def _or_empty(value: float | None) -> float | str:
-    return "" if value is None else value
 
 
 def stepwise(progress: Callable[[float], None]) -> Callable[[], None]:

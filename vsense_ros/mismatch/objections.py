@@ -55,7 +55,9 @@ class Objections:
         """Objection to an explanation that need not be complete: its residual may be something else, but not in the
         signals that each of its effects changes most."""
         if e not in self._of_part:
-            self._of_part[e] = self._of_gain(e) or (MIGHT_BE_ZERO if self._negligible(e) else "") or self._unmended(e)
+            self._of_part[e] = (
+                self._of_gain(e) or (MIGHT_BE_ZERO if negligible(e, self.thresholds) else "") or self._unmended(e)
+            )
         return self._of_part[e]
 
     def _unmended(self, e: Hypothesis) -> str:
@@ -102,21 +104,18 @@ class Objections:
 
     def _of_size(self, e: Hypothesis) -> str:
         """Objection that its size may be zero, or that its residual is too large; empty for none."""
-        if any(not issubclass(EVERY[c.effect], RoadEffect) for c in self._negligible(e)):
+        if any(not issubclass(EVERY[c.effect], RoadEffect) for c in negligible(e, self.thresholds)):
             return MIGHT_BE_ZERO
         # That the road is not level or even, one size shows; what it is where may be another at every place.
-        if self._negligible(e) or self.validation.unmended(e):
+        if negligible(e, self.thresholds) or self.validation.unmended(e):
             e = self.with_profile(e) or e
         if self.validation.fitted.level(e.fit.residuals) >= self.thresholds.unexplained:
             return LEAVES_TOO_MUCH
-        if self._negligible(e):
+        if negligible(e, self.thresholds):
             return MIGHT_BE_ZERO
         if signal := self.validation.unmended(e):
             return f"it leaves the {signal.replace('_', ' ')} about as far off as it was"
         return ""
-
-    def _negligible(self, e: Hypothesis) -> list[Candidate]:
-        return negligible(e, self.thresholds)
 
 
 def negligible(e: Hypothesis, thresholds: Thresholds) -> list[Candidate]:

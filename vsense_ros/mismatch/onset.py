@@ -15,10 +15,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vsense_ros.identification.least_squares import Fit, products
+from vsense_ros.mismatch.answer_schema import Begin
 from vsense_ros.mismatch.candidates import Candidate
 from vsense_ros.mismatch.residuals import Residuals
 from vsense_ros.mismatch.signals import SIGNALS, grid
-from vsense_ros.mismatch.thresholds import THRESHOLDS, Thresholds
+from vsense_ros.mismatch.thresholds import THRESHOLDS
 
 Array = NDArray[np.float64]
 
@@ -37,16 +38,6 @@ class OnsetSettings:
 ONSET = OnsetSettings()
 
 SMEARED = 0.5 / SIGNALS.cut_off  # [s] by which the filter of the signals moves an edge, at most
-
-
-@dataclass(frozen=True)
-class Begin:
-    """When an effect begins in one recording [s since its first stamp], with its 90 % interval."""
-
-    recording: str
-    at: float
-    earliest: float
-    latest: float
 
 
 @dataclass(frozen=True)
@@ -215,25 +206,21 @@ class OnsetSearch:
         likely = np.flatnonzero(gains >= gains[at] - bound)
         if likely[0] == 0 or likely[-1] == len(passage.t):
             return None
-        earliest, latest = passage.t[likely[0] - 1] - SMEARED, passage.t[likely[-1]] + SMEARED
-        return Begin(passage.name, float(passage.t[at]), float(earliest), float(latest))
+        within = float(passage.t[likely[0] - 1] - SMEARED), float(passage.t[likely[-1]] + SMEARED)
+        return Begin(recording=passage.name, at=float(passage.t[at]), interval_90=within)
 
 
 def onset(
-    residuals: Residuals,
-    at: Fit,
-    secants: Iterable[tuple[Candidate, Sequence[Array]]],
-    known: float = 0.0,
-    thresholds: Thresholds = THRESHOLDS,
+    residuals: Residuals, at: Fit, secants: Iterable[tuple[Candidate, Sequence[Array]]], known: float = 0.0
 ) -> Onset | None:
     """What begins within recordings, if that is sure: it explains as much more as a term without known physics must
     than the same effect there all the time, and than the gain `known` of what describes the rest otherwise; its time is
     known in a recording; and the signal that is furthest off comes near a good model, or at least much closer to it."""
     best = OnsetSearch(residuals, at).best(secants)
-    if best is None or not best.begins or best.gain - max(best.always, known) <= thresholds.least_term_gain:
+    if best is None or not best.begins or best.gain - max(best.always, known) <= THRESHOLDS.least_term_gain:
         return None
     worst, off = residuals.furthest(at.residuals)
     if not worst:
         return None
     share = residuals.deviations(best.left)[worst] / residuals.deviations(at.residuals)[worst]
-    return best if share < max(min(1.0, thresholds.signal_off / off), thresholds.mended) else None
+    return best if share < max(min(1.0, THRESHOLDS.signal_off / off), THRESHOLDS.mended) else None

@@ -16,7 +16,7 @@ from scipy.integrate import cumulative_trapezoid
 from vsense_ros.checks.aligned import means_around, runs_of_equal_values, stretches
 from vsense_ros.checks.setting import JUDGEMENT, setting
 from vsense_ros.messages.recording import Recording
-from vsense_ros.mismatch.windows import WINDOWS, Dataset, Readings, Spoilt, Window, build_dataset
+from vsense_ros.mismatch.windows import WINDOWS, Dataset, Readings, Spoilt, Window, build_dataset, within
 from vsense_ros.model.sensors import MeasuredQuantity, Response, SensorBase, best_measuring
 from vsense_ros.model.vehicle import Vehicle
 
@@ -89,20 +89,12 @@ def _duration(windows: Sequence[Window]) -> float:
 
 def spoilt_stretches(windows: Sequence[Window], sensors: Mapping[str, SensorBase]) -> Iterator[Spoilt]:
     """Stretches of one recording that would spoil every figure."""
-    windows = [_without_margins(window) for window in windows]
+    # What is cut out stays in the margins of the neighbours.
+    windows = [replace(w, readings=within(w.readings, w.begin, w.end)) for w in windows]
     yield from _standing_still(windows, sensors)
     yield from _saturated(windows, sensors)
     yield from _clipped(windows, sensors)
     yield from _spinning(windows, sensors)
-
-
-def _without_margins(window: Window) -> Window:
-    """The window with what was measured inside of it alone: what is cut out stays in the margins of its neighbours."""
-    inside = {}
-    for name, rows in window.readings.items():
-        first, last = np.searchsorted(rows.t, window.begin), np.searchsorted(rows.t, window.end, side="right")
-        inside[name] = rows.rows(slice(int(first), int(last)))
-    return replace(window, readings={name: rows for name, rows in inside.items() if len(rows.t) >= 2})
 
 
 def _standing_still(windows: Sequence[Window], sensors: Mapping[str, SensorBase]) -> Iterator[Spoilt]:
@@ -170,13 +162,8 @@ def _saturated(windows: Sequence[Window], sensors: Mapping[str, SensorBase]) -> 
     """Signals that stay at their largest or smallest value as at no other."""
     for name in sorted({name for window in windows for name in window.readings if sensors[name].saturates}):
         for column, component in enumerate(sensors[name].components):
-            parts = [(w, *_present(w.readings[name].in_own_axes, column)) for w in windows if name in w.readings]
-            parts = [part for part in parts if len(part[1])]
-            if not parts or len(np.unique(np.concatenate([value for _, value, _ in parts]))) < SETTINGS.coarse:
-                continue
-            ends = max(value.max() for _, value, _ in parts), min(value.min() for _, value, _ in parts)
-            runs = [(window, value, t, *runs_of_equal_values(value)) for window, value, t in parts]
-            elsewhere = np.concatenate([length[~np.isin(value[first], ends)] for _, value, _, first, length in runs])
+            readings = [(w, w.readings[name].in_own_axes) for w in windows if name in w.readings]
+            ends, runs, elsewhere = _held(readings, column)
             usual = float(np.percentile(elsewhere, 99)) if len(elsewhere) else 1.0
             for end in ends:
                 reason = f"the {component.words} is at the end of its range, {end:.4g}, in {windows[0].name}"
@@ -185,6 +172,17 @@ def _saturated(windows: Sequence[Window], sensors: Mapping[str, SensorBase]) -> 
 
 
 _Run = tuple[Window, Array, Array, NDArray[np.int64], NDArray[np.int64]]  # values, times, first and length of each
+
+
+def _held(readings: Sequence[tuple[Window, Readings]], column: int) -> tuple[tuple[float, ...], list[_Run], Array]:
+    """The ends of the range of a component, for how long it has one value, and those lengths elsewhere than at its
+    ends; no ends if it has too few values."""
+    present = [(window, *_present(rows, column)) for window, rows in readings]
+    runs = [(window, value, t, *runs_of_equal_values(value)) for window, value, t in present if len(value)]
+    every = np.concatenate([value for _, value, *_ in runs]) if runs else np.zeros(0)
+    ends = () if len(np.unique(every)) < SETTINGS.coarse else (float(every.max()), float(every.min()))
+    elsewhere = [length[~np.isin(value[first], ends)] for _, value, _, first, length in runs]
+    return ends, runs, np.concatenate(elsewhere) if runs else np.zeros(0)
 
 
 def _held_at(runs: Sequence[_Run], end: float, least: float, reason: str) -> Iterator[Spoilt]:
@@ -198,13 +196,7 @@ def _held_at(runs: Sequence[_Run], end: float, least: float, reason: str) -> Ite
 def _clipped(windows: Sequence[Window], sensors: Mapping[str, SensorBase]) -> Iterator[Spoilt]:
     """A steering angle that stays again and again at the ends of its range, and nowhere else."""
     for name in sorted({name for w in windows for name in w.readings if "steering" in sensors[name].measures}):
-        parts = [(w, *_present(w.readings[name], 0)) for w in windows if name in w.readings]
-        parts = [part for part in parts if len(part[1])]
-        if not parts or len(np.unique(np.concatenate([value for _, value, _ in parts]))) < SETTINGS.coarse:
-            continue
-        ends = max(value.max() for _, value, _ in parts), min(value.min() for _, value, _ in parts)
-        runs = [(window, value, t, *runs_of_equal_values(value)) for window, value, t in parts]
-        elsewhere = np.concatenate([length[~np.isin(value[first], ends)] for _, value, _, first, length in runs])
+        ends, runs, elsewhere = _held([(w, w.readings[name]) for w in windows if name in w.readings], 0)
         longest = int(elsewhere.max(initial=1))
         for end in ends:
             reason = f"the steering angle is at the end of its range, {end:.4g} rad, in {windows[0].name}"

@@ -93,10 +93,9 @@ class Window:
     def part(self, begin: float, end: float, *, run_in: float, yaw_rate: float, lateral_velocity: float) -> Window:
         """A part of it, which begins at another time [s] in a known state."""
         turned = np.interp([self.begin, begin], self.turned.t, self.turned.value[:, 0])
-        inside = {sensor: _cut(rows, begin - 1.0, end + 1.0) for sensor, rows in self.readings.items()}
         return replace(
             self, begin=begin, end=end, run_in=run_in, yaw_rate=yaw_rate, lateral_velocity=lateral_velocity,
-            readings={sensor: rows for sensor, rows in inside.items() if len(rows.t) >= 2},
+            readings=within(self.readings, begin - 1.0, end + 1.0),
             speed=_cut(self.speed, begin - 1.0, end + 1.0), heading=self.heading + float(turned[1] - turned[0]),
             turned=_spanning(self.turned, begin - 1.0, end + 1.0), place=_spanning(self.place, begin - 1.0, end + 1.0),
         )  # fmt: skip
@@ -390,8 +389,7 @@ def _windows(
         length = (end - begin - WINDOWS.run_in) / parts
         for part in range(parts):
             first, last = begin + part * length, begin + (part + 1) * length + WINDOWS.run_in
-            inside = {sensor: _cut(rows, first - 1.0, last + 1.0) for sensor, rows in readings.items()}
-            inside = {sensor: rows for sensor, rows in inside.items() if len(rows.t) >= 2}
+            inside = within(readings, first - 1.0, last + 1.0)
             yield Window(
                 index, name, first, last, inside, _cut(speed, first - 1.0, last + 1.0),
                 _course(inside, sensors, first, headed), torques, _spanning(turned, first - 1.0, last + 1.0),
@@ -424,6 +422,12 @@ def _without_gaps(t: Array, times: Array) -> NDArray[np.bool_]:
     for gap in np.flatnonzero(np.diff(times) > WINDOWS.largest_gap):
         between &= (t <= times[gap]) | (t >= times[gap + 1])
     return between
+
+
+def within(readings: Mapping[str, Readings], first: float, last: float) -> dict[str, Readings]:
+    """Those from one time to another of each sensor that has two of them."""
+    inside = {sensor: _cut(rows, first, last) for sensor, rows in readings.items()}
+    return {sensor: rows for sensor, rows in inside.items() if len(rows.t) >= 2}
 
 
 def _cut(readings: Readings, first: float, last: float) -> Readings:
