@@ -4,7 +4,7 @@ A filter takes errors of inertial sensors for white noise and slow biases, and w
 for a while. Scale, mounting and the squat of a car are in proportion to what it does, and the grade of a road that
 nobody measures is felt as acceleration. So from a second and a half without GNSS on, the published covariances of
 heading and place grow with the angle turned and the way gone, and where no sensor of the car measures its speed, as
-wheels or an optical sensor do, that of the speed with time.
+wheels or an optical sensor do, or none is believed, that of the speed with time.
 """
 
 from __future__ import annotations
@@ -63,8 +63,12 @@ class OutageJudge(Judge):
         self._time += h
         self._turned += h * felt[2] if felt[2] == felt[2] else 0.0
         self._way += h * abs(self._adapter.forward_speed)
-        if self._time > OUTAGE.begins and not any(map(self._intake.sends, self._speeds)):
+        if self._time > OUTAGE.begins and not any(map(self._measures, self._speeds)):
             self._unmeasured += h
+
+    def _measures(self, index: int) -> bool:
+        """True if a sensor of the speed sends and is believed."""
+        return self._intake.sends(index) and not self._intake.health[index].refused_in_a_row
 
     def settle(self, timeline: Timeline) -> None:
         """Nothing follows."""

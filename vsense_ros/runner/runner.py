@@ -34,6 +34,7 @@ from vsense_ros.runner.force_judge import ForceJudge
 from vsense_ros.runner.guard import Guard
 from vsense_ros.runner.judge import Judges, moving_event
 from vsense_ros.runner.latency_judge import LatencyJudge
+from vsense_ros.runner.leap_judge import LeapJudge
 from vsense_ros.runner.linkage_judge import LinkageJudge
 from vsense_ros.runner.outage_judge import OutageJudge
 from vsense_ros.runner.placement import Placement
@@ -84,8 +85,10 @@ class Runner:
         self.vote = Vote(adapter, channels, others_there=self._others_there, by_hand=self._move, report=self._complain)
         direction = DirectionJudge(adapter, lambda stamp, sentence: self.resets.report(stamp, sentence))
         self.latency = LatencyJudge(adapter, self.vote, len(channels))
+        self._leap = LeapJudge(adapter, self.intake)
         judges = (
             self.latency,
+            self._leap,
             FitJudge(adapter, self._all_believed, self.latency, len(channels)),
             LinkageJudge(adapter, len(channels)),
             ForceJudge(adapter, lambda: any(self.vote.out)),
@@ -138,7 +141,7 @@ class Runner:
     @property
     def converged(self) -> bool:
         """True once the estimates are known well enough to be used."""
-        if not self.started or not self.heading_known:
+        if not self.started or not self.heading_known or self._leap.blind:
             return False
         return self.adapter.converged((self.stamp - self._started_at) * 1e-9)
 
@@ -354,6 +357,8 @@ class Runner:
     def _contradicted(self, event: Event, channel: Channel, innovation: Innovation) -> None:
         """A measurement was refused. If that goes on for long, it may be the filter that is wrong."""
         self.resets.refused(event, innovation)
+        if self._leap.is_open(event.sensor):
+            return
         if not self.intake.out_of_patience(event.sensor, innovation.nis, channel.limit):
             return
         if self.adapter.begin_anew(event):
