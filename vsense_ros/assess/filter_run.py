@@ -21,11 +21,24 @@ from vsense_ros.assess.drives import (
     sensors_of,
     study_car,
 )
+from vsense_ros.identification.handling_values import similar
+from vsense_ros.model.constants import GRAVITY
+from vsense_ros.model.vehicle import Vehicle
 from vsense_ros.navigation.aided import Aided
 from vsense_ros.navigation.car_numbers import car_numbers
 from vsense_ros.navigation.catalogue import DEFINITIONS
 from vsense_ros.navigation.motion import Motions, Readout
 from vsense_ros.navigation.space import Definition
+
+
+def grip(car: Vehicle) -> float:
+    """Largest lateral force of a car's tyres over their load [-], mean of both axles at static loads, on its road: most
+    tyres carry more than the friction of the road says, which is a factor on their forces."""
+    chassis = car.physics.chassis
+    a, b = chassis.cog_to_front_axle, chassis.cog_to_rear_axle
+    load = chassis.mass * GRAVITY / (a + b) / 2
+    peaks = [similar(axle, load * arm)[3] for axle, arm in ((car.physics.front, b), (car.physics.rear, a))]
+    return car.physics.road.friction * sum(peaks) / 2
 
 
 def follow(
@@ -48,7 +61,8 @@ def follow(
         "leaning": 1e-5,  # [rad/√s]
         "grade_drift": 1e-4, "bank_drift": 1e-4,  # [m/s²/√s] of a level road
     }  # fmt: skip
-    numbers = {**car_numbers(study_car(case.plant), sensors.values()), **known}
+    car = study_car(case.plant)
+    numbers = {**car_numbers(car, sensors.values()), **known, "friction": grip(car)}
     filter = Aided(name, definition or DEFINITIONS[name][1], numbers, sensors)
     readout = Readout(filter)
     variances = {key: sensor.deviations() ** 2 for key, sensor in sensors.items()}

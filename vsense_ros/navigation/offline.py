@@ -10,9 +10,10 @@ its tyres alone,
     v_y = l r - v_x (e r v_x g - s),      g = 1 + f/3 + 5 f²/27 + 10 f³/81,   f = |r v_x| / a_max
 
 where g is how much more slip a brush needs towards its limit than at small forces (Pacejka 2012, section 3.2; the
-inverse of its cubic as a series), and s stays for a second. As in `inertial`, e and l are estimated; unlike there so is
-a_max, since a smoother sees the whole drive before it has to believe anything. A car that spins is followed by GNSS and
-inertial sensors alone. Roads are taken to be banked by some percent at most.
+inverse of its cubic as a series), and s stays for a second. As in `inertial`, e and l are estimated, l from the place
+of the rear axle in the vehicle file on; unlike there so is a_max, since a smoother sees the whole drive before it has
+to believe anything. A car that spins is followed by GNSS and inertial sensors alone. Roads are taken to be banked by
+some percent at most.
 """
 
 from __future__ import annotations
@@ -107,7 +108,8 @@ class Offline(NavigationSpace):
     def begin(self, first_readings: FirstReadings) -> Mapping[str, float]:
         initial = {name: first_readings[name] for name in ("forward_velocity", "yaw", "east", "north", "rolling_radius")
                  if name in first_readings}  # fmt: skip
-        return {**initial, **{name: typical[0] for name, typical in TYPICAL.items()}, "limit": SETTINGS.limit[0]}
+        typical = {name: own[0] for name, own in TYPICAL.items()}
+        return {**initial, **typical, "limit": SETTINGS.limit[0], "rear_distance": first_readings["to_rear"]}
 
 
 def on_map(yaw: Any, forward: Any, lateral: Any) -> tuple[ca.SX, ca.SX]:

@@ -30,7 +30,7 @@ class FitJudge(Judge):
 
     def __init__(self, adapter: Adapter, are_believed: Callable[[], bool], latency: LatencyJudge, shift: int) -> None:
         super().__init__()
-        self._adapter, self._are_believed, self._latency, self._shift = adapter, are_believed, latency, shift
+        self._adapter, self.are_believed, self._latency, self._shift = adapter, are_believed, latency, shift
         self._stamps_of = 0  # `changes` of the stamps that courses were compared with
         self._further = 0.0, 0.0  # [m] that the antenna is taken to sit further ahead, and its standard deviation
         self._rate = 0.0  # [rad/s] of the last block
@@ -72,7 +72,7 @@ class FitJudge(Judge):
         bend = abs(felt[2]) / max(speed, CAR_FIT.slowest)
         self._bend = max(bend, self._bend * exp(-h / DOUBT.corrected))
         if not 0 <= stamp - self._asked < CAR_FIT.asked:
-            self._asked, self._believed = stamp, self._are_believed()
+            self._asked, self._believed = stamp, self.are_believed()
         if self._believed:
             angle = self._adapter.steering_angle if self._steering >= 0 else nan
             self._fit.feel(stamp, h, felt[2], felt[4], self._adapter.forward_speed, angle)
