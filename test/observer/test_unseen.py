@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from hypothesis import given
@@ -75,3 +77,14 @@ def test_the_filter_itself_and_what_it_estimates_stay_as_they_are(estimate, clea
     np.testing.assert_array_equal(clean.filter.memory, before)
     assert wide.variance[YAW] == estimate().variance[YAW]
     assert wide.pose_covariance[0, 0] > vehicle.sensors["position"].deviations()[0] ** 2
+
+
+def test_what_a_bias_has_beyond_its_deviation_may_be_the_slope_of_the_road(estimate, clean: Runner) -> None:  # type: ignore[no-untyped-def]
+    """A lateral bias of half a metre per second squared, where the file has a tenth, is 2.9° of roll."""
+    known = estimate()
+    state, index = known.state.copy(), known.names.index("imu.accelerometer_bias_y")
+    state[index] = 0.5
+    deviation = known.car.prior.deviation[index]
+    added = replace(known, state=state).pose_covariance - known.pose_covariance
+    assert added[3, 3] == pytest.approx((0.25 - deviation**2) / 9.80665**2, rel=1e-3)
+    assert added[4, 4] < 1e-2 * added[3, 3]  # the car goes straight

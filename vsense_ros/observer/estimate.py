@@ -36,7 +36,7 @@ from vsense_ros.observer.car_blocks import CarBlocks, accelerations_by_error, wh
 from vsense_ros.observer.error_ekf import CarFilter
 from vsense_ros.observer.observable import undetermined
 from vsense_ros.observer.state import DISTURB, FORCE, TWIST
-from vsense_ros.observer.unseen import add_unseen
+from vsense_ros.observer.unseen import add_tilt, add_unseen, unlikely_bias
 
 Array = NDArray[np.float64]
 
@@ -129,6 +129,9 @@ class Estimate:
         pose, twist = _on_map(self.covariance), self.covariance[..., TWIST, TWIST].copy()
         unseen, noise = self.vehicle.observer.unseen, self.car.receiver_noise
         add_unseen(pose, twist, self, unseen, noise, self.axle_distances[..., 1])
+        car = self.car
+        added = unlikely_bias(self.state, car.sensor_list, car.layout.biases, car.prior.deviation)
+        add_tilt(pose, self, added, self.vehicle.observer.surroundings.change_length)
         twist[..., range(6), range(6)] += self.undecided[..., :6]
         pose[..., _PLACE, _PLACE] += self.undecided[..., 6:7]
         # Where the car goes is measured: what it goes sideways too much, it points elsewhere.

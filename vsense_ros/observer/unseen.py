@@ -2,7 +2,7 @@
 
 A filter's covariance is true if its model is right but for white noise. An error that stays the same for minutes and
 moves sensors and state together leaves innovations as they should be, so that no estimate of noise from innovations
-shows it (a "considered" parameter, Schmidt 1966). Six of them are in every car and recording:
+shows it (a "considered" parameter, Schmidt 1966). Seven of them are in every car and recording:
 
 1. *Where the rear axle points.* Side slip follows from yaw rate and lateral force by the direction in which the rear
    axle rolls. Thrust angle, toe, conicity and roll steer turn it by a tenth of a degree or two. GNSS measures the
@@ -12,6 +12,9 @@ shows it (a "considered" parameter, Schmidt 1966). Six of them are in every car 
 4. *Where the receiver believes to be.* The errors of satellites, air and reflections last for minutes.
 5. *How the road leans.* Roads fall to one side all along, for water to run off, and an inertial sensor that sits askew
    by as much feels the same.
+6. *How far the rear axle slips.* Load and stiffness of its tyres are known to a tenth, and the angle with them.
+7. *What passed for a bias.* An accelerometer feels a slope and a bias alike; a bias that is far beyond what the file
+   expects may be a road's.
 
 They are added to what is published alone: the filter itself, and with it every estimate, stays as it is.
 """
@@ -19,17 +22,21 @@ They are added to what is published alone: the filter itself, and with it every 
 from __future__ import annotations
 
 from collections.abc import Iterable
+from functools import cache
 from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
 
+from vsense_ros.model.constants import GRAVITY
 from vsense_ros.model.schema.observer_settings import UnseenErrors
 from vsense_ros.model.sensors import SensorBase
+from vsense_ros.model.sensors.imu import FORCES
 
 Array = NDArray[np.float64]
 
-_ROLL, _YAW = 3, 5  # of position and attitude
+_ROLL, _PITCH, _YAW = 3, 4, 5  # of position and attitude
 _LATERAL, _YAW_RATE = 1, 5  # of velocity and rates
 _PLACE = [0, 1]  # of position and attitude
 _TWIST_SIZE = 6
@@ -78,6 +85,39 @@ def add_unseen(
         twist += _square(change)
         on_map = turned(motion.orientation, velocity)
         pose += _square(unseen.timing * np.concatenate([on_map, motion.rates], axis=-1))
+
+
+def unlikely_bias(state: Array, sensors: Iterable[SensorBase], biases: Iterable[slice], known: Array) -> Array:
+    """Variances (…, 2) along and across the car [m²/s⁴] that the accelerometers' biases in a state (…, n) have beyond
+    their standard deviations at start, which `known` (n,) has; the mean of all inertial sensors."""
+    added: list[Array] = []
+    for sensor, part in zip(sensors, biases, strict=True):
+        if "rates and forces" in sensor.measures:
+            forces = slice(part.start + FORCES.start, part.start + FORCES.stop)
+            shares = _shares_of_axes(*sensor.mounting()[3:6].tolist())
+            added.append(np.maximum(state[..., forces] ** 2 - known[forces] ** 2, 0.0) @ shares)
+    return np.asarray(sum(added) / len(added)) if added else np.zeros((*state.shape[:-1], 2))
+
+
+@cache
+def _shares_of_axes(roll: float, pitch: float, yaw: float) -> Array:
+    """Shares (3, 2) of the axes' variances of a sensor with this attitude [rad] in those along and across the car."""
+    return np.asarray(Rotation.from_euler("xyz", (roll, pitch, yaw)).as_matrix()[:2].T ** 2)
+
+
+def add_tilt(pose: Array, motion: Motion, bias: Array, change_length: float) -> None:
+    """Add to the covariance (…, 6, 6) of position and attitude that a slope may have been taken for a bias.
+
+    An accelerometer feels a slope and a bias alike, and the filter parts them by what the file expects of both. What a
+    bias has beyond its standard deviation, as `unlikely_bias` has it (…, 2), may be the road's. Where the car turns,
+    roll that is wrong makes a pitch rate, which passes for a grade that changes along `change_length` [m], and pitch
+    that is wrong a roll rate.
+    """
+    speed = np.maximum(np.abs(motion.velocity[..., 0]), _SLOWEST)
+    turned_by = np.minimum(np.abs(motion.rates[..., 2]) * change_length / speed, 1.0) ** 2
+    pitch, roll = bias[..., 0] / GRAVITY**2, bias[..., 1] / GRAVITY**2
+    pose[..., _ROLL, _ROLL] += roll + turned_by * pitch
+    pose[..., _PITCH, _PITCH] += pitch + turned_by * roll
 
 
 def _square(vectors: Array) -> Array:
