@@ -73,6 +73,7 @@ def test_while_readings_are_missing_the_yaw_rate_is_that_of_the_wheels(speed: fl
 
 
 @given(jump=st.sampled_from([-3.0, -0.5, 0.5, 3.0]), axis=st.integers(0, 2))
+@settings(deadline=None)
 def test_a_gyro_that_jumps_is_refused_and_no_other_axis(jump: float, axis: int) -> None:
     made, wrong = reckoning(), steady(15.0, 0.2)
     assert not any(drive(made, 1.0, 15.0, 0.2, steady(15.0, 0.2)))
