@@ -40,7 +40,7 @@ _SECONDS_OF_TWIN = 6.0  # that one takes, roughly
 
 @dataclass(frozen=True)
 class Intervals:
-    """Of n twins, errors over stated standard deviations: of the parameters (n, 14) against the true car and against
+    """Errors of n twins over stated standard deviations: of the parameters (n, 14) against the true car and against
     the pseudo-true one; of the force curves (n, 4, points) against the true car, NaN at slips that were not driven.
     `stated` (n, 14) are the standard deviations over the values, `without_noise` (n, 14) the errors of the estimates
     without noise over the values."""
@@ -61,7 +61,7 @@ def intervals(twins: int = TWINS, progress: Progress = lambda share: None) -> In
 
 
 def twin_intervals(seed: int) -> tuple[Array, ...]:
-    """Of one twin, what `Intervals` has of each."""
+    """What `Intervals` has of each, for one twin."""
     twin = best_twin.drive(best_twin.rich_driver(seed), SECONDS)
     noisy, clean = (
         identified(twin.recorded(seed, cut_off=best.SETTINGS.cut_off, noise=noise), wrong_start(seed))

@@ -49,7 +49,7 @@ def by_fmpy(path: Path) -> list[float]:
 
 
 def by_libcosim(path: Path) -> list[float]:
-    """The same by libcosim, the co-simulation engine of the Open Simulation Platform, which reads FMI 2."""
+    """What it has by libcosim, the co-simulation engine of the Open Simulation Platform, which reads FMI 2."""
     program = [sys.executable, "-c", _BY_LIBCOSIM, str(path), json.dumps(GIVEN), *ASKED]
     done = subprocess.run(program, capture_output=True, text=True, timeout=120, check=True)
     (said,) = (line for line in done.stdout.splitlines() if line.startswith("found "))
@@ -57,7 +57,7 @@ def by_libcosim(path: Path) -> list[float]:
 
 
 def tools(path: Path) -> dict[str, bool]:
-    """Whether each tool that is installed drives a plant of FMI 2 to the same place; FMPy's validation is its own."""
+    """True for each tool that drives a plant of FMI 2 to the same place, and for FMPy if it finds the unit valid."""
     own = by_fmpy(path)
     found = {"fmpy": not fmpy.validation.validate_fmu(str(path))}
     if find_spec("libcosimpy") is not None:

@@ -23,7 +23,7 @@ def runner() -> Runner:
 
 
 def is_open_after(runner: Runner, spins: Iterable[list[float]], step: float = STEP) -> bool:
-    """Whether wheels that the filter refuses have leapt, and are not back."""
+    """True if wheels that the filter refuses have leapt, and are not back."""
     of = next(one for one in runner.judges if isinstance(one, LeapJudge))
     wheels = list(runner.sensors).index("wheel_speeds")
     for i, spin in enumerate(spins):

@@ -6,7 +6,7 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import assume, given
 from hypothesis import strategies as st
 
 from vsense_ros.runner.adapter import Move
@@ -19,7 +19,7 @@ MEASURED = ({"position"}, {"ground speed", "course"}, {"rolling speed"}, {"yaw r
 class SmallAdapter:
     """Compares places and velocities on the map, and can be moved in both."""
 
-    turn: Move | None = None
+    heading_element: int | None = None
     unused: str = ""
     sensors = dict.fromkeys(("position", "velocity", "wheels", "gyro"))
 
@@ -31,9 +31,6 @@ class SmallAdapter:
 
     def difference(self, event: SimpleNamespace, innovation: object) -> object:
         return event.difference
-
-    def turned(self, sensor: SimpleNamespace) -> Move | None:
-        return self.turn
 
     def moves(self, sensor: SimpleNamespace, difference: np.ndarray, deviation: np.ndarray) -> list[Move]:
         return [Move(i, float(difference[i]), float(deviation[i])) for i in range(2)] if self._moves else []
@@ -48,7 +45,7 @@ def resets(moves: bool = True, sends: tuple[bool, ...] = (True,) * 4) -> tuple[R
 
 def refused(sensor: int, *difference: float, deviation: float = 1.0) -> SimpleNamespace:
     found = (np.array(difference), np.array([deviation, deviation])) if difference else None
-    return SimpleNamespace(sensor=sensor, difference=found)
+    return SimpleNamespace(sensor=sensor, difference=found, value=np.full(2, np.nan))
 
 
 @given(east=st.floats(-100, 100), north=st.floats(-100, 100))
@@ -168,10 +165,31 @@ def test_a_sensor_that_the_filter_does_not_use_contradicts_nothing() -> None:
 
 def test_velocities_that_differ_by_an_angle_turn_the_filter_and_do_not_move_it() -> None:
     made, intake = resets()
-    made._adapter.turn = Move(2, np.radians(13.0), 0.05)  # type: ignore[attr-defined]
-    for speed in (3.0, 6.0, 9.0, 12.0, 15.0):  # along a course that changes
-        made.refused(refused(VELOCITY, 0.2 * speed * np.cos(speed), 0.2 * speed * np.sin(speed), deviation=0.1), None)
+    made._adapter.heading_element = 2
+    turned = np.exp(1j * np.radians(13.0))
+    for speed in (1.0, 3.0, 6.0, 9.0, 12.0, 15.0):  # along a course that changes; the first is too slow to show one
+        expected = speed * np.exp(0.1j * speed)
+        made.refused(measured(turned * expected, expected), None)
     assert made.ask(refused(VELOCITY), 7, "gps/velocity")
-    assert list(made.asked()) == [made._adapter.turn]  # type: ignore[attr-defined]
+    assert list(made.asked()) == [Move(2, pytest.approx(np.radians(13.0)), 0.05)]
     assert made.reported == [(7, "heading turned by 13° to that of gps/velocity")]
     assert intake.health[VELOCITY].refused_in_a_row == 0
+
+
+@given(turns=st.lists(st.floats(-0.09, 0.09) | st.just(3.0), min_size=5, max_size=9))
+def test_velocities_that_do_not_agree_on_an_angle_turn_nothing(turns: list[float]) -> None:
+    assume(abs(np.median(turns)) < 0.1)
+    made, _ = resets()
+    made._adapter.heading_element = 2
+    for turn in turns:
+        made.refused(measured(9.0 * np.exp(1j * turn), 9.0), None)
+    made.ask(refused(VELOCITY), 7, "gps/velocity")
+    assert 2 not in [move.element for move in made.asked()]
+
+
+def measured(velocity: complex, expected: complex) -> SimpleNamespace:
+    """A refused velocity with what was expected of it, as complex numbers east + north i."""
+    apart = velocity - expected
+    event = refused(VELOCITY, apart.real, apart.imag, deviation=0.1)
+    event.value = np.array([velocity.real, velocity.imag])
+    return event

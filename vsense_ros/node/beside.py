@@ -31,7 +31,7 @@ class Beside(Protocol):
         """What it has to say."""
 
     def diagnostic(self) -> Diagnostic:
-        """The same in a sentence."""
+        """What it has to say, as a sentence."""
 
 
 class FilterBeside(Extension):

@@ -82,6 +82,7 @@ class Adapter(ABC):
     lateral_force_error: float = (
         0.0  # [m/s²] deviation stated of the lateral force that the model lacks; 0: not estimated
     )
+    heading_element: int | None = None  # of the state, where velocities alone show the heading, and resets may turn it
     steering_error: int | None = None  # element of the state that is the error of the measured steering angle
 
     def __init__(self, filter: Filter, vehicle: Vehicle, inertial: InertialAxes | None = None) -> None:
@@ -219,11 +220,6 @@ class Adapter(ABC):
         """Jumps that bring the filter to where a sensor says the car is, or as fast as it says; empty if it has none.
         `difference` (2,) is east and north."""
         return []
-
-    def turned(self, sensor: SensorBase) -> Move | None:
-        """The turn of the car that brings it to where refused velocities of a sensor say that it points: they differ
-        from what was expected by one angle, whatever the speed, and nothing else measures the heading; else None."""
-        return None
 
     def move(self, move: Move) -> None:
         """Let an element of the state jump; its error has no correlation afterwards."""

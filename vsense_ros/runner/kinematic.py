@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections import deque
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
@@ -36,10 +35,6 @@ class KinematicSettings:
     sure: float = 3.0  # standard deviations
     # [m] by which an antenna sits elsewhere than in the vehicle file, from which on that is reported
     elsewhere: float = 0.5
-    turns: int = 5  # [-] refused velocities that have to differ from what was expected by one angle,
-    least_turn: float = 0.1  # [rad] at least, for the heading to be wrong, which is
-    turned: float = 0.05  # [rad] uncertain, at least, once it is turned by that
-    course: float = 2.0  # [m/s] from which on a velocity shows a direction
     determined: float = 0.87  # share of a standard deviation at start, above which the drive has not determined a state
 
 
@@ -63,7 +58,8 @@ class KinematicAdapter(Adapter):
         self._beginning = Beginning(filter, car_numbers(vehicle, self._list), self.sensors)
         self._known: Mapping[str, float] = {}
         self._speed = 0.0  # newest over ground [m/s]
-        self._turns: deque[float] = deque(maxlen=2 * SETTINGS.turns)  # of refused velocities [rad]
+        if "yaw" in filter.names and not any("heading" in one.measures for one in self._list):
+            self.heading_element = filter.names.index("yaw")
         self.has_position = filter.measures("gnss_position") and {"east", "north"} <= set(filter.names)
         self.readout = Readout(filter)
 
@@ -133,24 +129,7 @@ class KinematicAdapter(Adapter):
         if not self.filter.compares_on_map(self._names[event.sensor]):
             return None
         factor = innovation.factor
-        difference = factor @ innovation.whitened
-        if "course" in self._list[event.sensor].measures:
-            self._turns.append(_turn(event.value[:2], event.value[:2] - difference))
-        return difference, np.sqrt(np.sum(factor**2, axis=1))
-
-    def turned(self, sensor: SensorBase) -> Move | None:
-        turns = np.array([turn for turn in self._turns if np.isfinite(turn)])
-        knows_other = any("heading" in one.measures for one in self._list)
-        if "course" not in sensor.measures or "yaw" not in self.filter.names or knows_other:
-            return None
-        if len(turns) < SETTINGS.turns:
-            return None
-        turn = float(np.median(turns))
-        scatter = float(np.median(np.abs(turns - turn)))
-        if abs(turn) < max(SETTINGS.least_turn, 5 * scatter):
-            return None
-        self._turns.clear()
-        return Move(self.filter.names.index("yaw"), turn, max(scatter, SETTINGS.turned))
+        return factor @ innovation.whitened, np.sqrt(np.sum(factor**2, axis=1))
 
     def moves(self, sensor: SensorBase, difference: Array, deviation: Array) -> list[Move]:
         names, mean = self.filter.names, self.filter.belief().mean
@@ -233,11 +212,3 @@ def _only_drives(sensor: SensorBase, filter: Aided) -> bool:
 
 
 adapter_of.register(Aided, KinematicAdapter)
-
-
-def _turn(measured: Array, expected: Array) -> float:
-    """Angle [rad] from an expected velocity (2,) to a measured one, counterclockwise; NaN where one is too slow to show
-    a direction."""
-    if min(np.hypot(*measured), np.hypot(*expected)) < SETTINGS.course:
-        return np.nan
-    return float(np.angle(complex(*measured) / complex(*expected)))

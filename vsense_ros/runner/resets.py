@@ -16,6 +16,7 @@ from vsense_ros.estimation.intake import Intake
 from vsense_ros.estimation.timeline import Event
 from vsense_ros.model.sensors import MeasuredQuantity, SensorBase
 from vsense_ros.runner.adapter import Adapter, Move
+from vsense_ros.runner.turns import Turns
 
 Array = NDArray[np.float64]
 
@@ -32,12 +33,14 @@ class Resets:
     def __init__(self, adapter: Adapter, intake: Intake[SensorBase]) -> None:
         self._adapter, self._intake = adapter, intake
         self._differences: dict[int, list[tuple[Array, Array]]] = {}
+        self._turns: dict[int, Turns] = {}
         self._asked: list[Move] = []
         self.reported: list[tuple[int, str]] = []
 
     def forget(self) -> None:
         """The filter begins anew."""
         self._differences.clear()
+        self._turns.clear()
         self._asked.clear()
 
     def report(self, stamp: int, sentence: str) -> None:
@@ -64,8 +67,12 @@ class Resets:
         kept = self._differences.setdefault(event.sensor, [])
         if self._intake.health[event.sensor].refused_in_a_row <= 1:
             kept.clear()
+            self._turns.pop(event.sensor, None)
         kept.append(difference)
         del kept[:-_KEPT]
+        if "course" in self._intake.sensors[event.sensor].measures:
+            measured = event.value[:2]
+            self._turns.setdefault(event.sensor, Turns()).add(measured, measured - difference[0])
 
     def is_alone(self, index: int) -> bool:
         """True if no sensor that the filter uses and believes measures what this one does; a speed is measured by
@@ -88,10 +95,10 @@ class Resets:
         sensor = self._intake.sensors[event.sensor]
         if not sensor.measures & {"position", "course"} or not self._adapter.moves(sensor, np.zeros(2), np.zeros(2)):
             return False
-        turn = self._adapter.turned(sensor)
-        if turn is not None:
-            self._asked.append(turn)
-            self._follow(event.sensor, now, f"heading turned by {np.degrees(turn.by):.0f}° to that of {name}")
+        turn, heading = self._turns.get(event.sensor), self._adapter.heading_element
+        if turn is not None and heading is not None and (angle := turn.of_all()) is not None:
+            self._asked.append(Move(heading, *angle))
+            self._follow(event.sensor, now, f"heading turned by {np.degrees(angle[0]):.0f}° to that of {name}")
             return True
         apart = self._difference(event.sensor)
         if apart is None:
@@ -107,6 +114,7 @@ class Resets:
         """The filter follows a sensor, whose refused measurements are dealt with."""
         self._intake.health[index].refused_in_a_row = 0
         self._differences.pop(index)
+        self._turns.pop(index, None)
         self.report(now, sentence)
 
     def _difference(self, index: int) -> tuple[Array, Array] | None:
