@@ -18,7 +18,7 @@ from vsense_ros.model.simulation.closed_loop import Trajectory, rolling_straight
 from vsense_ros.model.trailer import Trailer
 from vsense_ros.model.vehicle import Vehicle
 
-BEFORE = vs.load_vehicle("jaguar_saloon")
+BEFORE = vs.load_vehicle("rav4")
 TRAILER = Trailer(mass=1400, nose_load=20)
 
 
