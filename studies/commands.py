@@ -305,9 +305,9 @@ def truth(bags: Path, only: tuple[str, ...], quick: bool, processes: int | None,
     """Hold what is published against what it says of itself, on all drives that have a reference.
 
     Coverage of standard deviations by drive and output, tyre forces, faults, GNSS/INS filters, and lags of sensors.
-    Takes a quarter of an hour of two cores. A part of it leaves in the file what that has of others. Each part that is
-    done is kept in a folder beside FILE, so that what was stopped goes on where it was; one that fails is told at the
-    end, beside the figures of the others.
+    Takes more than an hour beside other work. A part of it leaves in the file what that has of others. Each part that
+    is done is kept in a folder beside FILE, so that what was stopped goes on where it was; a part that fails is listed
+    at the end, beside the figures of the others.
 
     \b
     Examples:

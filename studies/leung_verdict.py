@@ -28,7 +28,7 @@ class Demand:
     heading: float = 0.3  # [-] of the printed figure
     factor: float = 1.3  # [-] on the printed lateral velocity or side slip
     velocity: float = 0.0125  # [m/s] of difference that is none: half the noise of a fix (table B.2)
-    angle: float = np.radians(0.05)  # [rad] likewise of side slip: a third of the 0.15° of an RT3000
+    angle: float = np.radians(0.05)  # [rad] of difference in side slip that is none: a third of the 0.15° of an RT3000
 
 
 DEMAND = Demand()

@@ -98,7 +98,7 @@ def examine(
 
     Plants of GNSS/INS filters are kept in the folder `store`, what was done in `parts`, so that what was stopped goes
     on where it was; `bags` holds the generated recordings of the repository. Recordings that are not here are left out,
-    and a part that fails is told in `Results.failed`. `only` takes parts: texts of which a drive's title has one,
+    and a part that fails is listed in `Results.failed`. `only` takes parts: texts of which a drive's title has one,
     "faults", "filters". Raises `InputError` where a text fits nothing.
     """
     tasks = {one.title: Task(12.0, _if_here, (one,)) for one in RECORDED}

@@ -64,10 +64,10 @@ def driven(
     speed, angle, acceleration = DRIVES[name]
     vehicle = prototype()
     t = (np.arange(round(duration / STEP)) + 0.5) * STEP
-    told = np.zeros((len(t), len(INPUTS)))
-    told[:, 0] = angle(t)
-    told[:, TORQUES] = (vehicle.physics.chassis.mass * RADIUS * acceleration(t) / 4)[:, None]
-    felt, around = told.copy(), np.zeros((len(t), len(DISTURBANCES)))
+    inputs = np.zeros((len(t), len(INPUTS)))
+    inputs[:, 0] = angle(t)
+    inputs[:, TORQUES] = (vehicle.physics.chassis.mass * RADIUS * acceleration(t) / 4)[:, None]
+    felt, around = inputs.copy(), np.zeros((len(t), len(DISTURBANCES)))
     felt[t > begin, 1] -= drag
     change = grade / HILL * np.where((t > begin) & (t < begin + HILL / speed), 1.0, 0.0)
     around[:, GRADE_CHANGE] = change
@@ -77,7 +77,7 @@ def driven(
         *rolling_straight(vehicle, speed), Inputs(STEP, felt, around, varying), plant.parameter_vector()
     )
     trajectory = Trajectory(
-        motion.t, motion.q, motion.u, motion.udot, np.zeros((len(t), 7, 4)), told, disturbances=around
+        motion.t, motion.q, motion.u, motion.udot, np.zeros((len(t), 7, 4)), inputs, disturbances=around
     )
     return record(trajectory, vehicle, seed, name=f"{name} {seed}", biased=False)
 

@@ -10,7 +10,7 @@ from vsense_ros.messages.diagnostic import Level
 from vsense_ros.runner import Runner, run
 
 
-def told(observer):
+def balance_line(observer):
     return next(line for line in observer.diagnostics() if line.name == "balance of forces")
 
 
@@ -27,11 +27,11 @@ def estimated(observer, samples, rate=100.0):
 
 def test_on_a_drive_without_faults_they_do(vehicle, lane_change):
     observer = estimated(Runner(vehicle, lane_change.map_origin), messages(lane_change))
-    assert told(observer).level is Level.OK
-    assert len(told(observer).values) == 6
-    shares = [float(share) for share in told(observer).values.values()]
+    assert balance_line(observer).level is Level.OK
+    assert len(balance_line(observer).values) == 6
+    shares = [float(share) for share in balance_line(observer).values.values()]
     assert max(shares) < 8
-    assert told(observer).message == f"tyre forces add up to what imu feels, to {max(shares):.0f} %"
+    assert balance_line(observer).message == f"tyre forces add up to what imu feels, to {max(shares):.0f} %"
 
 
 @pytest.mark.parametrize("axis", exam_except([0, 2], 2))
@@ -55,7 +55,7 @@ def test_without_its_inertial_sensor_there_is_no_balance(vehicle, lane_change):
     topics = [sample.topic for sample in observer.estimate()]
     assert "vsense/balance" not in topics
     assert "vsense/odometry" in topics
-    assert told(observer).message == "nothing to compare yet"
+    assert balance_line(observer).message == "nothing to compare yet"
 
 
 def test_what_is_published_is_what_is_over(vehicle, lane_change):
@@ -85,10 +85,10 @@ def test_with_an_inertial_sensor_that_lacks_axes_what_these_tell_is_compared(veh
     whole, part = (
         estimated(Runner(vehicle, lane_change.map_origin), samples) for samples in (messages(lane_change, 8.0), poorer)
     )
-    assert list(told(part).values) == ["longitudinal force [%]", "lateral force [%]", "yaw moment [%]"]
-    assert told(part).level is Level.OK
-    for name, share in told(part).values.items():
-        assert float(share) == pytest.approx(float(told(whole).values[name]), abs=2.0)
+    assert list(balance_line(part).values) == ["longitudinal force [%]", "lateral force [%]", "yaw moment [%]"]
+    assert balance_line(part).level is Level.OK
+    for name, share in balance_line(part).values.items():
+        assert float(share) == pytest.approx(float(balance_line(whole).values[name]), abs=2.0)
     (sample,) = (sample for sample in part.estimate() if sample.topic == "vsense/balance")
     np.testing.assert_array_equal(np.isnan(sample.values["force"]), [False, False, True])
     np.testing.assert_array_equal(np.isnan(sample.values["torque"]), [True, True, False])
@@ -97,7 +97,7 @@ def test_with_an_inertial_sensor_that_lacks_axes_what_these_tell_is_compared(veh
 def test_with_no_axis_that_tells_a_sum_nothing_is_compared_and_that_is_said(vehicle, lane_change):
     poorer = altered(messages(lane_change, 3.0), lambda s: s.topic == IMU, lambda s: without([2, 3, 4, 5], s))
     observer = estimated(Runner(vehicle, lane_change.map_origin), poorer)
-    assert told(observer).message == "not compared: imu lacks the axes"
+    assert balance_line(observer).message == "not compared: imu lacks the axes"
     assert "vsense/balance" not in [sample.topic for sample in observer.estimate()]
 
 

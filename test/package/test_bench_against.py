@@ -64,8 +64,8 @@ def test_ratios_stand_beside_what_the_benchmarks_have_left(against: ModuleType, 
 
 
 def test_the_figures_of_goals_are_ratios_of_medians_of_one_run(against: ModuleType) -> None:
-    def benchmark(name: str, median: float, **told: float) -> dict[str, object]:
-        return {"name": name, "stats": {"median": median}, "extra_info": told}
+    def benchmark(name: str, median: float, **figures: float) -> dict[str, object]:
+        return {"name": name, "stats": {"median": median}, "extra_info": figures}
 
     benchmarks = [
         benchmark("test_general_filter[filterpy_ekf]", 4e-5),

@@ -28,7 +28,7 @@ import casadi as ca
 
 from vsense_ros.estimation.state_space import Measurement, Named
 from vsense_ros.navigation.car_numbers import ANTENNA_DEVIATION, GYRO_SCALE_DEVIATION
-from vsense_ros.navigation.joint_kkf import HEADING, JointKkf
+from vsense_ros.navigation.joint_kkf import HEADING, JointKkf, velocity_of_antenna
 from vsense_ros.navigation.space import Definition, FirstReadings, drifting
 
 TYPICAL = {"rear_distance": (1.4, 0.3), "rear_slip": (0.003, 0.002), "roll_gain": (0.1, 0.1)}  # value, deviation
@@ -94,10 +94,7 @@ def _sliding(x: Named, z: Named, u: Named, p: Named) -> ca.SX:
 
 
 def _velocity(x: Named, z: Named, u: Named, p: Named) -> list[ca.SX]:
-    rate, c, s = turning(x, u), ca.cos(x.yaw), ca.sin(x.yaw)
-    forward = x.forward_velocity - rate * p.antenna_y
-    lateral = x.lateral_velocity + rate * (p.antenna_x + x.antenna_ahead)
-    return [c * forward - s * lateral, s * forward + c * lateral]
+    return velocity_of_antenna(x, p, turning(x, u), x.antenna_ahead)
 
 
 STEADY = Measurement("steady_state", _sliding, (SLIDING,))

@@ -40,6 +40,7 @@ from vsense_ros.navigation.car_numbers import (
     STIFFNESS_DEVIATION,
 )
 from vsense_ros.navigation.inertial import LINEAR
+from vsense_ros.navigation.joint_kkf import velocity_of_antenna
 from vsense_ros.navigation.space import Definition, FirstReadings, NavigationSpace, drifting
 
 
@@ -163,16 +164,13 @@ class Integrated(NavigationSpace):
 
 
 def brush(linear: ca.SX, largest: ca.SX) -> ca.SX:
-    """Force [N] of a tyre of which a linear one would give `linear`, and the largest is `most`."""
+    """Force [N] of a tyre of which a linear one would give `linear`, and `largest` [N] is all that it carries."""
     t = ca.fmin(ca.fmax(linear / largest, -SETTINGS.slides), SETTINGS.slides)
     return largest * (t - t * ca.fabs(t) / 3 + t**3 / 27)
 
 
 def _velocity(x: Named, z: Named, u: Named, p: Named) -> list[ca.SX]:
-    c, s = ca.cos(x.yaw), ca.sin(x.yaw)
-    forward = x.forward_velocity - x.yaw_rate * p.antenna_y
-    lateral = x.lateral_velocity + x.yaw_rate * (p.antenna_x + x.antenna_ahead)
-    return [c * forward - s * lateral, s * forward + c * lateral]
+    return velocity_of_antenna(x, p, x.yaw_rate, x.antenna_ahead)
 
 
 def _spin(x: Named, z: Named, u: Named, p: Named) -> ca.SX:

@@ -61,11 +61,17 @@ class JointKkf(NavigationSpace):
         return {**super().motion(x, u, theta), "yaw_rate": u.yaw_rate - x.gyro_bias}
 
 
+def velocity_of_antenna(x: Named, p: Named, rate: ca.SX, ahead: ca.SX | float = 0.0) -> list[ca.SX]:
+    """Velocity of the antenna to the east and to the north [m/s] of a car that turns at a `rate` [rad/s], with the
+    antenna so far `ahead` [m] of its place in the vehicle file."""
+    c, s = ca.cos(x.yaw), ca.sin(x.yaw)
+    forward, lateral = x.forward_velocity - rate * p.antenna_y, x.lateral_velocity + rate * (p.antenna_x + ahead)
+    return [c * forward - s * lateral, s * forward + c * lateral]
+
+
 def velocity_on_map(x: Named, z: Named, u: Named, p: Named) -> list[ca.SX]:
     """Velocity of the antenna to the east and to the north [m/s]."""
-    rate, c, s = u.yaw_rate - x.gyro_bias, ca.cos(x.yaw), ca.sin(x.yaw)
-    forward, lateral = x.forward_velocity - rate * p.antenna_y, x.lateral_velocity + rate * p.antenna_x
-    return [c * forward - s * lateral, s * forward + c * lateral]
+    return velocity_of_antenna(x, p, u.yaw_rate - x.gyro_bias)
 
 
 def position_on_map(x: Named, z: Named, u: Named, p: Named) -> list[ca.SX]:
