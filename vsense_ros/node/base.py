@@ -260,7 +260,7 @@ def run_node(node_type: type[SensingNode], model: type[NodeParameters], argument
             for transition in (node.trigger_configure, node.trigger_activate):
                 if transition() != TransitionCallbackReturn.SUCCESS:
                     return 2 if node.fault is not None else 1
-        spin.spin(node, stop)
+        spin.spin([node], stop)
         if node.state != "finalized":
             node.trigger_shutdown()
         return node.exit_code

@@ -45,6 +45,23 @@ namespace. Parameters take effect when a node is configured; those marked *live*
     ros2 run vsense_ros observer --ros-args -p vehicle:=genesis
     ros2 run vsense_ros observer --help
 
+Several nodes may share a process and its executor, in a program of a few lines (`test/node/test_one_process.py` runs
+this one). Their parameters are told apart by the name of the node, as `-p observer:vehicle:=genesis`.
+
+    spin.init(sys.argv)
+    stop = spin.Stop()  # by SIGINT or SIGTERM
+    nodes = [ObserverNode("observer", ObserverParameters), Recorder("recorder", RecorderParameters)]
+    for node in nodes:
+        node.trigger_configure()
+        node.trigger_activate()
+    spin.spin(nodes, stop)
+    for node in nodes:
+        node.trigger_shutdown()
+
+They then share one processor, since Python runs one callback at a time. What rclcpp has beside that, rclpy has not:
+component containers (`ros2 component load`), and intra-process communication, by which messages are handed over without
+the middleware.
+
 This page is made from the parameter models of the nodes by `python -m vsense_ros.node.document`.
 """
 

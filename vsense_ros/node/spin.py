@@ -7,7 +7,7 @@ import signal
 import socket
 import threading
 import time
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from typing import Any
@@ -102,18 +102,20 @@ class Stop:
             self._in_long_job = False
 
 
-def spin(node: Node, stop: Stop) -> None:
-    """Run the callbacks of `node` until `stop`, and those of messages that have arrived by then.
+def spin(nodes: Sequence[Node], stop: Stop) -> None:
+    """Run the callbacks of `nodes` in order of arrival until `stop`, and those of messages that have arrived by then.
 
     `EventsExecutor.spin()` never calls anything in the PyPI wheels of Jazzy, and every call of
     `spin_until_future_complete` leaves a task behind: hence the two calls here, with a future for the end.
     """
     executor: Any = EventsExecutor() if EventsExecutor is not None else SingleThreadedExecutor()
-    executor.add_node(node)
+    for node in nodes:
+        executor.add_node(node)
     worked_off: Future = Future()
     try:
         executor.spin_until_future_complete(stop.future, timeout_sec=SETTINGS.forever)
         executor.create_task(worked_off.set_result, None)  # which queues up behind what waits
         executor.spin_until_future_complete(worked_off, timeout_sec=SETTINGS.last)
     finally:
-        executor.remove_node(node)
+        for node in nodes:
+            executor.remove_node(node)
