@@ -38,7 +38,7 @@ module row_combiner #(
     input  logic        m_tready,
     output logic [31:0] m_tdata,
     output logic        m_tlast,
-    output logic        err,     // an infinite number or a NaN was written since the program began
+    output logic        err,     // an infinite number or a NaN was written into a column of the program
     output logic [31:0] cycles
 );
   localparam int LB = $clog2(L);
@@ -348,7 +348,9 @@ module row_combiner #(
         if (v[Z]) sums[{dz, chz}] <= z[l];
       end
       fp32_add #(.DEEP(DEEP)) u_s (.clk, .a(y), .b(product), .y(z[l]));
-      assign odd[l] = we & (&wd[30:23]);
+      // Slots are written whole: what is beyond the last column is no number of the program.
+      wire [5:0] place = moved ? {chx, across} : {chz, LB'(l) - dstz[LB-1:0]};
+      always_ff @(posedge clk) odd[l] <= we & (&wd[30:23]) & (writing | (place <= size));
     end
   endgenerate
 

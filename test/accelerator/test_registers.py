@@ -451,3 +451,19 @@ class TestPrograms:
         program.write(0, [[1.0, 2.0, np.inf]])
         here.run(program.end(), 1)
         assert here.read("STATUS") == Status.PIVOT
+
+    def test_numbers_beyond_the_columns_of_a_program_are_none_of_its(self, built) -> None:
+        """Rows are kept in slots of 16 columns: a program of 20 has some of those that one of 40 has left infinite."""
+        here, random, wide, narrow = built(RowCombiner), np.random.default_rng(4), Program(40), Program(20)
+        wide.write(0, np.full((RowCombiner.ROWS, 40), np.inf))
+        here.run(wide.end(), 1)
+        assert here.read("STATUS") == Status.PIVOT
+        narrow.write(0, random.standard_normal((RowCombiner.ROWS, 20)))
+        narrow.combine(64, random.standard_normal((3, 5)), random.integers(0, 20, 3))
+        narrow.subtract_outer(64, 4)
+        narrow.move(66, 3, 1)
+        narrow.move(67, 7, 1, column=True)
+        narrow.add([1, 19], [2, 19], [0.5, 0.25])
+        found = here.run(narrow.end(0, 20), narrow.words_out)
+        assert np.all(np.isfinite(found[:-1].view(np.float32)))
+        assert here.read("STATUS") == Status.OK
