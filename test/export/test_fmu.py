@@ -346,5 +346,17 @@ def test_libcosim_drives_the_plant_as_fmpy_does(vehicle: Vehicle, tmp_path: Path
 
 
 @pytest.mark.exam
+def test_the_importer_of_the_reference_fmus_drives_the_plant_as_fmpy_does(vehicle: Vehicle, tmp_path: Path) -> None:
+    """In C, by Modelica; of FMI 3, which libcosim does not read."""
+    checkout = fmu_tools.reference_importer()
+    if checkout is None:
+        pytest.skip("REFERENCE_FMUS names no checkout of github.com/modelica/Reference-FMUs")
+    path = tmp_path / "plant.fmu"
+    fmu.write(vehicle, path, 3, plant=True, scalars=True, optimised=QUICK)
+    theirs, ours = fmu_tools.by_reference_importer(path, checkout), fmu_tools.by_fmpy(path)
+    assert theirs == pytest.approx(ours, rel=1e-9)
+
+
+@pytest.mark.exam
 def test_two_cars_in_one_process_each_carry_their_own_weight(vehicle: Vehicle) -> None:
     assert fmu_tools.two_cars_in_one_process(vehicle, QUICK)
