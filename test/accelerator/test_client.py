@@ -1,5 +1,7 @@
 """Whatever the accelerator answers, or does not, the observer has a right result in time."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from hypothesis import given
@@ -58,6 +60,30 @@ def test_bytes_from_anywhere_are_a_frame_or_are_refused_by_kind(data):
     with pytest.raises(FrameError) as refusal:
         parse(data)
     assert refusal.value.kind in {"magic", "version", "length", "crc"}
+
+
+def test_a_frame_in_another_byte_order_is_refused_and_gets_no_answer():
+    data = np.frombuffer(frame().to_bytes(), "<u4").byteswap().tobytes()
+    with pytest.raises(FrameError) as refusal:
+        parse(data)
+    assert refusal.value.kind == "magic"
+    assert Device().handle(data, 0.0) == []
+
+
+class OfAnotherByteOrder(Device):
+    """Swaps the bytes of the numbers in its answers, under a good checksum."""
+
+    def handle(self, data, now):
+        answers = [(answer, parse(answer.data)) for answer in super().handle(data, now)]
+        return [replace(a, data=replace(f, payload=f.payload.byteswap()).to_bytes()) for a, f in answers]
+
+
+def test_numbers_in_another_byte_order_are_not_used():
+    client, a, b = Client(Direct(OfAnotherByteOrder())), mass_matrices(1, 5)[0], np.arange(14.0)
+    exact = np.linalg.solve(a, b)
+    assert np.array_equal(client.solve(a, b, lambda *_: exact), exact)
+    assert client.counts["accelerated"] == 0
+    assert client.counts["implausible"] + client.counts["not_finite"] == 1
 
 
 def solved(faults, count=400, seed=0, backend="mock"):

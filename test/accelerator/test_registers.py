@@ -160,7 +160,7 @@ class Dma:
         self.here, self.files, self.written, self.loses = here, files, dict[int, int](), False
 
     def __getitem__(self, word: int) -> int:
-        return 2 if word == 0x34 // 4 else 0  # the result is in memory
+        return {0x34 // 4: 2, 0x58 // 4: self.written.get(word, 0)}.get(word, 0)  # the result is in memory
 
     def __setitem__(self, word: int, value: int) -> None:
         self.written[word] = value

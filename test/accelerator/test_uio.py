@@ -161,6 +161,20 @@ def test_a_dma_that_stops_is_told_without_waiting(tmp_path: Path) -> None:
         driver.run(np.zeros(SOLVE_14.words_in, np.uint32), soon())
 
 
+def test_a_result_that_came_in_part_is_none(tmp_path: Path) -> None:
+    """The DMA says how many bytes came: the others are those of an earlier result."""
+    hardware = Hardware(tmp_path, SOLVE_14)
+    request = hardware.request
+
+    def short() -> None:
+        request()
+        hardware.dma[0x58 // 4] -= 4
+
+    hardware.request = short  # type: ignore[method-assign]
+    with running(hardware) as driver, pytest.raises(TimeoutError, match="of 56 bytes of a result 52 came"):
+        driver.run(np.eye(14, 15, dtype=np.float32).reshape(-1).view(np.uint32), soon())
+
+
 def missing(hardware: Hardware) -> Places:
     return replace(hardware.places, dma=Path("/dev/no_such_uio"))
 
@@ -172,6 +186,11 @@ def of_version_one(hardware: Hardware) -> Places:
 
 def of_no_kernel(hardware: Hardware) -> Places:
     hardware.registers[AT["KERNEL"]] = 0xFFFFFFFF
+    return hardware.places
+
+
+def of_another_size(hardware: Hardware) -> Places:
+    hardware.registers[AT["WORDS_IN"]] = 19
     return hardware.places
 
 
@@ -195,6 +214,7 @@ def without_attributes(hardware: Hardware) -> Places:
         (missing, "no_such_uio.*cannot be opened: No such file"),
         (of_version_one, "MAP_VERSION 1, and this release knows 2"),
         (of_no_kernel, "kernel 4294967295"),
+        (of_another_size, "WORDS_IN 19, and this release knows 210 of solve14"),
         (small, "needs a buffer of 952 bytes, and .* has 512"),
         (beyond, "begins at 0x100000000"),
         (without_attributes, "should tell the phys_addr"),

@@ -183,6 +183,70 @@ def test_calls_in_any_order_are_refused_or_done_and_never_end_the_process(
     assert int(done.stdout) > 5  # kinds of calls that were done
 
 
+_CALLS_OF_A_HOST_THAT_LIES = """
+import ctypes, random, re, sys
+from pathlib import Path
+import fmpy
+library, token, size = ctypes.CDLL(sys.argv[1]), sys.argv[2].encode(), int(sys.argv[3])
+choose = random.Random(int(sys.argv[4]))
+d, u, n = ctypes.c_double, ctypes.c_uint, ctypes.c_size_t
+make = library.fmi3InstantiateCoSimulation
+make.restype = ctypes.c_void_p
+references, reals = (u * 8)(), (d * 64)()
+# It says to use events and an early return, which the unit has not declared, and wants values amid steps.
+made = make(b"one", token, None, False, False, True, True, references, n(8), None, None, None)
+assert made and not make(b"one", token[:-1], None, False, False, False, False, None, n(0), None, None, None)
+count, state, blob, flags = n(), ctypes.c_void_p(), (ctypes.c_char * size)(), (ctypes.c_bool * 8)()
+header = (Path(fmpy.__file__).parent / "c-code/fmi3FunctionTypes.h").read_text()
+known = re.findall(r"typedef fmi3Status (fmi3\\w+)TYPE", header)
+def one():
+    real, k = choose.choice([0.0, 0.01, -1.0, float("nan"), float("inf"), 1e300, 4.0, 5e-324]), choose.choice([0, 1, 8])
+    for i in range(8):
+        references[i], reals[i] = choose.choice([0, 1, 5, 9, 900000, 2**32 - 1, choose.randrange(40)]), real
+    c, values = ctypes.c_void_p(choose.choice([made, made, made, None])), n(choose.choice([k, 0, 1, 64]))
+    name, *rest = choose.choice([
+        ("EnterInitializationMode", False, d(0), d(real), False, d(1)), ("ExitInitializationMode",), ("Reset",),
+        ("Terminate",),
+        ("GetFloat64", references, n(k), reals, values), ("SetFloat64", references, n(k), reals, values),
+        ("GetFloat64", None, n(k), None, values), ("SetInt32", references, n(k), (ctypes.c_int * 64)(), values),
+        ("GetInt32", references, n(k), (ctypes.c_int * 64)(), values), ("GetFMUState", ctypes.byref(state)),
+        ("SetFMUState", state), ("FreeFMUState", ctypes.byref(state)),
+        ("SerializedFMUStateSize", state, ctypes.byref(count)),
+        ("SerializeFMUState", state, blob, n(choose.choice([size, 0]))),
+        ("DeserializeFMUState", blob, n(choose.choice([size, 0, size - 1, 2**63])), ctypes.byref(state)),
+        ("DoStep", d(choose.choice([0.0, real])), d(choose.choice([0.01, real])), True, flags, flags, flags, reals),
+        ("DoStep", d(0.0), d(0.01), True, None, None, None, None),
+        (choose.choice([f[4:] for f in known if f not in used]), *[None] * 12),
+    ])
+    return name, getattr(library, "fmi3" + name)(c, *rest), c.value
+used = set(re.findall(r"fmi3\\w+", '''
+    fmi3EnterInitializationMode fmi3ExitInitializationMode fmi3Reset fmi3Terminate fmi3GetFloat64 fmi3SetFloat64
+    fmi3SetInt32 fmi3GetInt32 fmi3GetFMUState fmi3SetFMUState fmi3FreeFMUState fmi3SerializedFMUStateSize
+    fmi3SerializeFMUState fmi3DeserializeFMUState fmi3DoStep'''))
+answers = [one() for _ in range(1500)]
+assert all(status != 0 for name, status, c in answers if c is None and name not in ("FreeFMUState", "SetDebugLogging"))
+assert {status for _, status, _ in answers} <= {0, 3}
+print(len({name for name, status, _ in answers if status == 0}))
+"""
+
+
+@pytest.mark.exam
+@pytest.mark.parametrize("seed", range(4))
+def test_a_host_that_lies_about_itself_and_calls_what_is_not_offered_ends_no_process(
+    units: dict[int, Path], vehicle: Vehicle, tmp_path: Path, seed: int
+) -> None:
+    with zipfile.ZipFile(units[3]) as archive:
+        (binary,) = (name for name in archive.namelist() if name.endswith(".so"))
+        archive.extract(binary, tmp_path)
+    unit = running(units, vehicle, 3)
+    size = len(unit.save()) - 4 * len(unit.unit.sensors)
+    unit.close()
+    command = [sys.executable, "-c", _CALLS_OF_A_HOST_THAT_LIES, str(tmp_path / binary), fmu.Unit(vehicle).token(3)]
+    done = subprocess.run([*command, str(size), str(seed)], capture_output=True, text=True)
+    assert done.returncode == 0, done.stderr[-800:]
+    assert int(done.stdout) > 5  # kinds of calls that were done
+
+
 def test_a_damaged_state_is_refused(units: dict[int, Path], vehicle: Vehicle) -> None:
     unit = running(units, vehicle, 3)
     data = bytearray(unit.save())

@@ -55,7 +55,7 @@ class _Dma:
     control: int = 0x00
     status: int = 0x04
     address: int = 0x18
-    length: int = 0x28  # writing it starts the transfer
+    length: int = 0x28  # writing it starts the transfer; from the kernel, what came stands there at the end
     run: int = 0x1
     reset: int = 0x4
     idle: int = 0x2
@@ -187,6 +187,8 @@ class Uio:
             self._wait_for_interrupt(deadline)
             if count:  # the last word has left the kernel: it may still be on its way to memory
                 self._wait_until(lambda: bool(self._of_dma(_DMA.from_kernel, _DMA.status) & _DMA.idle), deadline)
+                if (came := self._of_dma(_DMA.from_kernel, _DMA.length)) != 4 * count:
+                    raise TimeoutError(f"{self.places.dma}: of {4 * count} bytes of a result {came} came")
         except TimeoutError:
             self.soft_reset()
             raise
