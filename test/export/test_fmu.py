@@ -424,3 +424,49 @@ def test_the_importer_of_the_reference_fmus_drives_the_plant_as_fmpy_does(vehicl
 @pytest.mark.exam
 def test_two_cars_in_one_process_each_carry_their_own_weight(vehicle: Vehicle) -> None:
     assert fmu_tools.two_cars_in_one_process(vehicle, QUICK)
+
+
+_TWO_CARS_LINKED = """
+#include <stdio.h>
+#include "fmi3FunctionTypes.h"
+#define CAR(x) extern fmi3InstantiateCoSimulationTYPE x##_fmi3InstantiateCoSimulation; \\
+    extern fmi3EnterInitializationModeTYPE x##_fmi3EnterInitializationMode; \\
+    extern fmi3ExitInitializationModeTYPE x##_fmi3ExitInitializationMode; \\
+    extern fmi3GetFloat64TYPE x##_fmi3GetFloat64; \\
+    static void x(const char *token) { \\
+        const fmi3ValueReference force = FORCE; \\
+        double z[4] = {0}; \\
+        fmi3Instance car = x##_fmi3InstantiateCoSimulation("car", token, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0); \\
+        x##_fmi3EnterInitializationMode(car, 0, 0, 0, 0, 0); \\
+        x##_fmi3ExitInitializationMode(car); \\
+        x##_fmi3GetFloat64(car, &force, 1, z, 4); \\
+        printf("%.9g ", z[0] + z[1] + z[2] + z[3]); \\
+    }
+CAR(light)
+CAR(heavy)
+int main(int n, char **v) { (void)n; light(v[1]); heavy(v[2]); return 0; }
+"""
+
+
+@pytest.mark.exam
+def test_the_sources_of_two_cars_are_linked_into_one_program(vehicle: Vehicle, tmp_path: Path) -> None:
+    """By FMI3_FUNCTION_PREFIX, as the standard has it for units that are linked statically."""
+    mass, compiler, objects, tokens = vehicle.physics.chassis.mass, codegen.compiler() or "", [], []
+    for name, factor in (("light", 1.0), ("heavy", 1.5)):
+        car = vehicle.with_parameters({"chassis.mass": factor * mass}).model_copy(update={"name": name})
+        unit, folder = fmu.Unit(car, plant=True), tmp_path / name
+        folder.mkdir()
+        unit.sources(3, folder)
+        tokens.append(unit.token(3))
+        for source in unit.compiled(3):
+            objects.append(str(folder / f"{source}.o"))
+            command = [compiler, "-std=c99", QUICK, f"-DFMI3_FUNCTION_PREFIX={name}_", "-c", str(folder / source)]
+            subprocess.run([*command, "-o", objects[-1]], check=True)
+    (tmp_path / "two.c").write_text(_TWO_CARS_LINKED)
+    force = [variable.name for variable in unit.variables].index("wheel_force_z")
+    command = [compiler, f"-DFORCE={force}", f"-I{tmp_path / 'light'}", str(tmp_path / "two.c"), *objects]
+    subprocess.run([*command, "-o", str(tmp_path / "two"), "-lm"], check=True)
+    printed = subprocess.run([str(tmp_path / "two"), *tokens], check=True, capture_output=True, text=True).stdout
+    assert [float(weight) for weight in printed.split()] == pytest.approx(
+        [9.80665 * f * mass for f in (1.0, 1.5)], rel=0.01
+    )

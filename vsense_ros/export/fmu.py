@@ -29,7 +29,7 @@ from vsense_ros.errors import InputError
 from vsense_ros.export import c, terminals
 from vsense_ros.export.c import Contents, Observer
 from vsense_ros.export.entries import INPUT_ENTRIES, Entry, Sensor, Variable
-from vsense_ros.export.sources import compile_library, identifier, plain, templates
+from vsense_ros.export.sources import compile_library, identifier, templates, write_all
 from vsense_ros.extras import explained
 from vsense_ros.files.names import harmless
 from vsense_ros.model.coordinates import WHEELS
@@ -137,14 +137,18 @@ class Unit:
 
     @property
     def identifier(self) -> str:
-        """Name of the model and its binary."""
+        """Name of the model and its binary, with which names begin that a linker sees, but for those of FMI."""
         kind = "plant" if self.plant else "observer"
         return f"vsense_{kind}_{identifier(self.vehicle.name)}"
+
+    def compiled(self, version: int) -> tuple[str, str]:
+        """Names of the sources that a compiler is given; the others are included by them."""
+        return f"fmi{version}.c", f"{self.identifier}.c"
 
     def sources(self, version: int, folder: Path) -> None:
         """Write the C of the unit into `folder`."""
         headers = _headers()
-        c.write(self.vehicle, folder)
+        c.write(self.vehicle, folder, prefix=self.identifier)
         for name in ("example.c", "Makefile", "README.md"):
             (folder / name).unlink()
         environment = templates()
@@ -164,8 +168,8 @@ class Unit:
             "scalars": self.scalars,
             "rest": _rest_of_fmi3(environment) if version == 3 else "",
         }
-        for name, source in (("fmu.c", "fmu.c.j2"), (f"fmi{version}.c", f"fmi{version}.c.j2")):
-            (folder / name).write_text(plain(environment.get_template(source).render(values)), encoding="utf-8")
+        names = ("fmu.c", f"fmi{version}.c")
+        write_all(folder, {n: environment.get_template(f"{n}.j2").render(values) for n in names}, self.identifier)
         for header in headers.glob(f"fmi{version}*.h"):
             shutil.copy(header, folder)
 
@@ -207,7 +211,9 @@ def write(
         for target in chosen:
             binary = folder / "binaries" / target.folder(version) / f"{unit.identifier}{target.suffix}"
             binary.parent.mkdir(parents=True, exist_ok=True)
-            compile_sources(sources, version, binary, optimised, target)
+            flags = (optimised, *FLAGS, *target.flags, f"-I{sources}")
+            parts = [sources / name for name in unit.compiled(version)]
+            compile_library(parts, binary, flags, "; --no-binary writes sources alone", target.compiler or None)
         (folder / "documentation").mkdir()
         (folder / "documentation" / "index.html").write_text(_documentation(unit), encoding="utf-8")
         path.parent.mkdir(parents=True, exist_ok=True)
@@ -215,16 +221,6 @@ def write(
             for file in sorted(folder.rglob("*")):
                 if file.is_file():
                     archive.write(file, file.relative_to(folder))
-
-
-def compile_sources(
-    sources: Path, version: int, binary: Path, optimised: str = OPTIMISED, target: Target | None = None
-) -> None:
-    """The library of a unit from its own sources. Raises `InputError` where that fails."""
-    chosen = target or target_of("", version)
-    parts = [sources / f"fmi{version}.c", sources / "vsense.c"]
-    flags = (optimised, *FLAGS, *chosen.flags, f"-I{sources}")
-    compile_library(parts, binary, flags, "; --no-binary writes sources alone", chosen.compiler or None)
 
 
 def _ascii(unit: str) -> str:
@@ -340,7 +336,7 @@ def _description_2(unit: Unit) -> str:
         canGetAndSetFMUstate="true", canSerializeFMUstate="true", canNotUseMemoryManagementFunctions="true",
     )  # fmt: skip
     files = sub(simulation, "SourceFiles")
-    for name in ("fmi2.c", "vsense.c"):
+    for name in unit.compiled(2):
         sub(files, "File", name=name)
     _unit_definitions(root)
     sub(root, "DefaultExperiment", startTime="0", stopTime="10", stepSize="0.004")
@@ -437,7 +433,7 @@ def _build_description(unit: Unit) -> str:
     root = ElementTree.Element("fmiBuildDescription", fmiVersion="3.0")
     build = ElementTree.SubElement(root, "BuildConfiguration", modelIdentifier=unit.identifier)
     files = ElementTree.SubElement(build, "SourceFileSet", language="C99")
-    for name in ("fmi3.c", "vsense.c"):
+    for name in unit.compiled(3):
         ElementTree.SubElement(files, "SourceFile", name=name)
     ElementTree.SubElement(build, "Library", name="m", external="true")
     return _xml(root)

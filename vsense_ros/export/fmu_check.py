@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from vsense_ros.export import check
+from vsense_ros.export import c, check
 from vsense_ros.export.fmu import ELEMENTS, FIRST_INTEGER, OPTIMISED, START_SPEED, Unit
 from vsense_ros.export.same_calls import Moment, drive_together, moments, relative, start_of
 from vsense_ros.messages.recording import Recording
@@ -166,7 +166,6 @@ def compare(
     scalars: bool = False,
 ) -> Agreement:
     """Validate a unit, and run it on a recording beside the C export and the filter in Python."""
-    import fmpy
     from fmpy.validation import validate_fmu
 
     agreement = Agreement(version, list(validate_fmu(str(path))))
@@ -174,8 +173,8 @@ def compare(
     speed, yaw = start_of(vehicle, drive)
     own = InPython(vehicle, sensors, speed, yaw)
     with tempfile.TemporaryDirectory() as place:
-        folder = Path(fmpy.extract(str(path), place))
-        library = check.build(folder / "sources", (optimised, "-std=c99"))
+        c.write(vehicle, Path(place))
+        library = check.build(Path(place), (optimised, "-std=c99"))
         exported = check.Exported(vehicle, library)
         exported.start(speed, yaw)
         running = Running(path, Unit(vehicle, scalars=scalars), version, speed, yaw)
