@@ -292,7 +292,7 @@ def _figures(
         for column, printed in zip(table.columns, table.printed[row], strict=True):
             cases = [Case(table.manoeuvres[row], seed, table.errors) for seed in _seeds_of(column, seeds)]
             scores = [results[case, column.filter] for case in cases]
-            values = [_figure(one, column) for one in scores]
+            values = [figure(one, column) for one in scores]
             figures[row][column.title] = {
                 "printed": printed,
                 "ours": float(np.mean(values)),
@@ -307,7 +307,8 @@ def _seeds_of(column: Column, seeds: range) -> range:
     return seeds[:1] if column.kind == "S" else seeds
 
 
-def _figure(result: Mapping[str, Any], column: Column) -> float:
+def figure(result: Mapping[str, Any], column: Column) -> float:
+    """A figure of a column, of the scores of a filter."""
     score = result[column.quantity]
     if column.kind == "S":
         return float(100 * result[f"expected_{column.quantity}"] / score["range"])

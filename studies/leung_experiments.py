@@ -21,17 +21,19 @@ from vsense_ros.files.installed import vehicle_path
 from vsense_ros.files.vehicle import load_vehicle, save_vehicle
 from vsense_ros.model.coordinates import SPEED_X, SPEED_Y, STEERING
 from vsense_ros.navigation.space import Definition
+from vsense_ros.navigation.thesis.side_slip_kkf import side_slip_kkf
+from vsense_ros.navigation.thesis.velocity_kkf import HELD
 from vsense_ros.navigation.thesis.wheel_speed_ekf import PASSED_YAW, WHEEL_SPEED_C
 
 
 @dataclass(frozen=True)
 class Change:
-    """What is changed, in words: physical numbers of the plant by their dotted names, errors of the sensors, or the
-    filter."""
+    """What is changed, in words: physical numbers of the plant by their dotted names, errors of the sensors in place of
+    those of the table, or the filter."""
 
     words: str
     numbers: Mapping[str, float] = field(default_factory=dict)
-    errors: Errors = leung.ON_THE_BUS
+    errors: Errors | None = None
     noise: float = 1.0  # factor on that of all sensors
     definition: Definition | None = None
 
@@ -74,6 +76,8 @@ _STRAIGHT = _curves(
 
 # As the thesis uses the heading of the gyro, a hundred times a second.
 _HEADING_AS_NEW = replace(WHEEL_SPEED_C, passed_measurements=(replace(PASSED_YAW, repeats=1.0),))
+_DOUBTED = 0.02  # [rad], four times the noise of the course of a fix
+_AS_A_FIX = replace(HELD, deviations=(leung.SECTION_4_4.fix, leung.SECTION_4_4.fix))
 
 # By the change, which figures are looked at: table, row, title of the column.
 EXPERIMENTS: Sequence[tuple[Change, tuple[tuple[str, str, str], ...]]] = (
@@ -114,6 +118,18 @@ EXPERIMENTS: Sequence[tuple[Change, tuple[tuple[str, str, str], ...]]] = (
         Change("each heading in a bend counts as new", definition=_HEADING_AS_NEW),
         (("4.6", "DO35", "psi of wheels c N"), ("4.6", "DO55", "psi of wheels c N")),
     ),
+    (
+        Change("a line less sure than its fixes", definition=side_slip_kkf(1, noise=_DOUBTED)),
+        (("4.9", "SD", "line V"), ("4.9", "RT", "line V")),
+    ),
+    (
+        Change("a parabola less sure than its fixes", definition=side_slip_kkf(2, noise=_DOUBTED)),
+        (("4.9", "SD", "parabola V"),),
+    ),
+    (
+        Change("a line that weighs as a fix", definition=side_slip_kkf(1, held=_AS_A_FIX)),
+        (("4.9", "ST", "line V"), ("4.9", "LC", "line V"), ("4.9", "SD", "line V")),
+    ),
 )
 
 
@@ -143,13 +159,14 @@ def plant_with(numbers: Mapping[str, float], store: Path) -> str:
 
 
 def _figure(change: Change, table: str, row: str, column: str, store: Path) -> float:
-    name, manoeuvre = plant_with(change.numbers, store), leung.ROWS[row]
+    name = plant_with(change.numbers, store)
     if table == "5.3":
-        return _clean(name, manoeuvre, store)
-    one = next(c for c in leung.TABLES[table].columns if c.title == column)
-    case = Case(manoeuvre, 0, change.errors, plant=name, noise=change.noise)
-    score = estimate(one.filter, drive_plant(manoeuvre, name, store), case, change.definition)[one.quantity]
-    return float(100 * score["rmse"] / (score["range"] if one.kind == "N" else 1.0))
+        return _clean(name, leung.ROWS[row], store)
+    of = leung.TABLES[table]
+    manoeuvre, one = of.manoeuvres[row], next(c for c in of.columns if c.title == column)
+    case = Case(manoeuvre, 0, change.errors or of.errors, plant=name, noise=change.noise)
+    result = estimate(one.filter, drive_plant(manoeuvre, name, store), case, change.definition)
+    return leung.figure(result, one)
 
 
 def _clean(plant: str, manoeuvre: str, store: Path) -> float:

@@ -12,6 +12,7 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
+from vsense_ros.errors import InputError
 from vsense_ros.manoeuvre.track import Along, Track
 from vsense_ros.model.constants import GRAVITY
 from vsense_ros.model.coordinates import SPEED_X, SPEED_Y, SPIN, YAW, X, Y
@@ -32,6 +33,8 @@ class DriverSettings:
     largest_angle: float = 0.7  # [rad] of the road wheels: a turning circle of 9 m at a wheelbase of 2.9 m
     # [rad/s] spin below which a brake fades, so that it holds a wheel and does not turn it back
     locked_spin: float = 2.0
+    # [m] from the middle of a track: a car that is further off does not drive on it any more
+    beside_track: float = 5.0
 
 
 DRIVER = DriverSettings()
@@ -171,7 +174,8 @@ class PathFollower:
 
 @dataclass
 class TrackFollower:
-    """Hands that keep to the middle of a track with little corner cutting.
+    """Hands that keep to the middle of a track with little corner cutting. They raise `InputError` where the car leaves
+    it.
 
     They know the curvature that comes and steer for it as the car needs in a steady turn, early by their own lag; what
     is left beside the track at a point ahead is steered back as in `PathFollower`. The car's course counts, not its
@@ -197,6 +201,11 @@ class TrackFollower:
         """Road-wheel angle [rad]."""
         speed = float(u[SPEED_X])
         distance, offset, heading = self._along.find(float(q[X]), float(q[Y]))
+        if abs(offset) > DRIVER.beside_track:
+            raise InputError(
+                f"{self.vehicle.name} leaves the track after {distance:.0f} m, at {3.6 * speed:.0f} km/h: "
+                "take a slower drive, or a car with more grip"
+            )
         course = float(q[YAW]) + float(np.arctan2(u[SPEED_Y], max(speed, 1.0)))
         ahead = max(self.preview * speed, self.nearest)
         target = self._along.curvature(distance + self.early * speed)

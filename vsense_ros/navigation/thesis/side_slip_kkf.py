@@ -25,7 +25,9 @@ from vsense_ros.navigation.thesis.dual_kkf import GNSS
 from vsense_ros.navigation.thesis.velocity_kkf import HELD, LONGEST_HOLD, VELOCITY, VelocityKkf
 from vsense_ros.navigation.yaw_kkf import straight
 
-EXTRAPOLATED_NOISE = 0.02  # [rad] of β_ext, a hundred times a second (the thesis gives none)
+# [rad] of β_ext, a hundred times a second. The thesis gives none: that of the fixes of its section 4.4, of which β_ext
+# is made, 0.0224 m/s at 5 m/s.
+EXTRAPOLATED_NOISE = 0.0045
 
 
 class YawKkfB(NavigationSpace):
@@ -86,13 +88,14 @@ def _by_side_slip(x: Named, velocity: ca.SX) -> list[ca.SX]:
 BY_SIDE_SLIP = PassedMeasurement(GNSS, "heading", "velocity", "velocity", _by_side_slip)
 
 
-def side_slip_kkf(order: int) -> Definition:
-    """The filter with extrapolation of this order."""
+def side_slip_kkf(order: int, noise: float = EXTRAPOLATED_NOISE, held: Measurement = HELD) -> Definition:
+    """The filter with extrapolation of this order, of a side slip with this noise [rad], and with what holds the
+    velocity between fixes."""
     system = YawKkfB(order)
     extrapolated = Measurement(
         "extrapolated_slip",
         lambda x, z, u, p: x.side_slip - system.extrapolated(u),
-        (EXTRAPOLATED_NOISE,),
+        (noise,),
         when=_in_bend,
     )
     link = PassedInput(
@@ -103,7 +106,7 @@ def side_slip_kkf(order: int) -> Definition:
     )
     parts = {
         "heading": (system, (COURSE, extrapolated, NO_SIDE_SLIP)),
-        "velocity": (VelocityKkf(), (VELOCITY, HELD)),
+        "velocity": (VelocityKkf(), (VELOCITY, held)),
     }
     return Definition(parts, (link,), (BY_SIDE_SLIP,), remembered=(Remembered("heading", "course", fix),))
 
