@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Literal
 
 import click
 
@@ -18,8 +19,8 @@ def _names(_: click.Context, __: click.Parameter, values: tuple[str, ...]) -> tu
 @click.argument("recordings", nargs=-1, required=True, type=EXISTING)
 @vehicle_option
 @click.option(
-    "--model", type=click.Choice(["best", "car", "single_track"]), default="best", show_default=True,
-    help="best: 4 degrees of freedom, with wheel speeds; single_track: with a speed; car: the observer's, unproven.",
+    "--model", type=click.Choice(["best", "single_track"]), default="best", show_default=True,
+    help="best: 4 degrees of freedom, with wheel speeds; single_track: with a speed.",
 )  # fmt: skip
 @click.option("--free", multiple=True, callback=_names, metavar="NAMES", help="Parameters to identify; default: all.")
 @click.option(
@@ -36,7 +37,7 @@ def _names(_: click.Context, __: click.Parameter, values: tuple[str, ...]) -> tu
 def identify(
     recordings: tuple[Path, ...],
     vehicle: str,
-    model: str,
+    model: Literal["best", "single_track"],
     free: tuple[str, ...],
     held_out: tuple[Path, ...],
     report: Path,
@@ -47,7 +48,6 @@ def identify(
     Examples:
       vsense identify drive_1 drive_2 --hold-out drive_3 --vehicle my_car.yaml
       vsense identify lap.mat --vehicle genesis_start --model single_track --free front_peak,rear_peak
-      vsense identify drive --vehicle rav4 --model car --free chassis.mass
 
     The values of the vehicle file are taken to be known to about 30 %. Parameters that the drives cannot determine keep
     their values and are listed by name, with the driving that would determine them. If the observer predicts the course
@@ -63,7 +63,7 @@ def identify(
     drives, proof = read_all(recordings, held_out)
     report.mkdir(parents=True, exist_ok=True)
     with progress("identifying") as done:
-        identification = identified(drives, car, model=model, free=free, hold_out=proof, progress=done)  # type: ignore[call-overload]
+        identification = identified(drives, car, model=model, free=free, hold_out=proof, progress=done)
     write_identification(identification, report)
     identification.show(console())
     say(f"Written to {report}: vehicle.yaml, report.html, identification.json.")

@@ -15,7 +15,6 @@ from vsense_ros.studio.workbench import Workbench
 MODELS = {
     "best": "best: 4 degrees of freedom, with wheel speeds",
     "single_track": "single_track: with a speed",
-    "car": "car: the observer's own",
 }
 
 

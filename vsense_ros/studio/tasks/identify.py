@@ -8,7 +8,6 @@ from typing import Any
 
 import vsense_ros as vs
 from vsense_ros.api.identification import write_identification
-from vsense_ros.identification.car_identification import CarIdentification
 from vsense_ros.identification.identified import unit_of
 from vsense_ros.studio.tasks.data import recordings_of
 
@@ -19,13 +18,6 @@ def identify(options: dict[str, Any], folder: Path, progress: Callable[[float], 
     identification = vs.identify(drives, options["vehicle"], model=options["model"], hold_out=proof, progress=progress)
     write_identification(identification, folder)
     files = {"vehicle": str(folder / "vehicle.yaml"), "report": "report.html"}
-    if isinstance(identification, CarIdentification):
-        rows = [
-            {"name": name, "before": before, "after": after, "deviation": deviation, "unit": "",
-             "determined": determined}
-            for name, (before, after, deviation, determined) in identification.parameters.items()
-        ]  # fmt: skip
-        return {**files, "rows": rows, "passes": [], "fits": {}, "sentences": [], "side_slip": {}}
     estimated = identification.information
     names = estimated.names
     refused = {refusal.name for refusal in identification.refused}
