@@ -89,7 +89,8 @@ module suspension_motion #(
     end
   end
   // Words of the table are addressed and read before they are needed. A chain begins with the last column of its row in
-  // front, c_5 at the rear: chain c of the inner steps is row 5 - c.
+  // front, c_5 at the rear: chain c of the inner steps is row 5 - c. Seven times a number is eight times it less itself:
+  // a product would take a multiplier of its own, which was the slowest of all on ECP5.
   wire         begins = (st == LOAD) & s_tvalid & ~s_tuser & (at == 4'd11);
   wire         ends = last_step & (phase == 4'd6);
   wire [GB-1:0] following = last_group ? '0 : group + 1'b1;
@@ -100,7 +101,7 @@ module suspension_motion #(
     else if (st != RUN) begin_at <= {4'd0, 6'(5 * 7 + 6)};
     else if (ends) begin_at <= {4'(following), 6'(4 * 7 + 6)};
     else if (last_step | (last_phase & (step == 4'(STEPS - 1)))) begin_at <= {4'(following), 6'(5 * 7 + 6)};
-    else if ((step == 4'd0) & ~last_phase) begin_at <= {4'(group), 6'((4'd3 - phase) * 7 + 6)};
+    else if ((step == 4'd0) & ~last_phase) begin_at <= {4'(group), 6'(6'd27 - {phase[2:0], 3'd0} + 6'(phase))};
     else begin_at <= {4'(group), 6'd47};
 
   wire [1:0] corner = (at < 4'd3) ? 2'd0 : (at < 4'd6) ? 2'd1 : (at < 4'd9) ? 2'd2 : 2'd3;
@@ -126,7 +127,7 @@ module suspension_motion #(
   assign {add_step, add_chain} = side[LM][7+GB:GB];
   assign {soon_step, soon_chain, soon_group} = side[LM-2][7+GB:0];
   always_ff @(posedge clk) begin
-    add_at <= {4'(soon_group), (soon_step < 4'(INNER)) ? 6'((4'd5 - soon_chain) * 7 + 5 - soon_step)
+    add_at <= {4'(soon_group), (soon_step < 4'(INNER)) ? 6'(6'd40 - {soon_chain[2:0], 3'd0} + 6'(soon_chain) - 6'(soon_step))
                                                        : 6'(6'd46 - (6'(soon_step) - 6'(INNER)))};
     row_at <= 3'(4'(INNER + 4) - soon_step);
   end
