@@ -72,6 +72,15 @@ def test_every_command_that_a_page_names_exists(page: Path) -> None:
     assert wrong_commands("\n".join([*CODE.findall(text), *BLOCK.findall(text)])) == []
 
 
+def test_every_test_that_the_page_about_security_names_exists() -> None:
+    named_tests = set(re.findall(r"`(test_\w+)`", (ROOT / "SECURITY.md").read_text(encoding="utf-8")))
+    there = {
+        name for file in (ROOT / "test").rglob("test_*.py") for name in re.findall(r"def (test_\w+)", file.read_text())
+    }
+    assert len(named_tests) > 20
+    assert named_tests <= there
+
+
 def test_every_command_that_a_help_text_names_exists() -> None:
     wrong = {}
     for name, command in [("vsense", main), *every_command(main, "vsense")]:
