@@ -7,6 +7,8 @@ from drives import IMU, SECOND, altered, changed, feed, messages
 from marks import exam_except
 from vsense_ros.estimation.timeline import Event
 from vsense_ros.messages.diagnostic import Level
+from vsense_ros.model.car.balance import SHARES, CarBalance
+from vsense_ros.model.constants import GRAVITY
 from vsense_ros.runner import Runner, run
 
 
@@ -48,6 +50,29 @@ def test_an_accelerometer_that_comes_to_feel_another_force_is_told(vehicle, lane
     observer = estimated(Runner(vehicle, lane_change.map_origin), samples)
     levels = {line.name: line.level for line in observer.diagnostics()}
     assert Level.WARN in (levels["balance of forces"], levels["imu"]) or levels["imu"] is Level.ERROR
+
+
+def test_shares_of_the_weight_are_as_uncertain_as_the_accelerations_that_are_compared(vehicle):
+    along, across, pitching = 0.5, 0.3, 2.0
+    covariance = np.diag([along, across, 0.0, 0.0, pitching, 0.0]) ** 2
+    found = dict(zip(SHARES, CarBalance(vehicle.physics).deviations(covariance).tolist(), strict=True))
+    chassis = vehicle.physics.chassis
+    weight, base = chassis.mass * GRAVITY, chassis.cog_to_front_axle + chassis.cog_to_rear_axle
+    shifted = np.hypot(chassis.cog_height * chassis.mass * along, chassis.pitch_inertia * pitching) / base
+    assert found["longitudinal force"] == pytest.approx(along / GRAVITY)
+    assert found["lateral force"] == pytest.approx(across / GRAVITY)
+    assert found["front load"] == pytest.approx(shifted / (weight * chassis.cog_to_rear_axle / base))
+    assert found["vertical force"] == pytest.approx(0.0, abs=1e-9)
+
+
+def test_forces_that_the_filter_hardly_knows_may_differ_from_what_is_felt(vehicle, lane_change, monkeypatch):
+    observer = estimated(Runner(vehicle, lane_change.map_origin), messages(lane_change, 8.0))
+    monkeypatch.setattr(observer.adapter.balance, "_since", 1000.0)
+    monkeypatch.setattr(observer.adapter.balance, "_square", np.full(6, 0.12**2))
+    assert "longitudinal force 12 %" in balance_line(observer).message
+    newest = observer.adapter.balance._newest
+    monkeypatch.setitem(newest.__dict__, "acceleration_covariance", np.diag([1.0, 0, 0, 0, 0, 0]) ** 2)
+    assert "longitudinal force" not in balance_line(observer).message
 
 
 def test_without_its_inertial_sensor_there_is_no_balance(vehicle, lane_change):

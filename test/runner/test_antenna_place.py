@@ -12,6 +12,7 @@ from vsense_ros.files.vehicle import load_vehicle
 from vsense_ros.model.coordinates import YAW
 from vsense_ros.observer.state import FORWARD, LATERAL, YAW_RATE, X, Y
 from vsense_ros.runner import Runner
+from vsense_ros.runner.adapter import Apart
 from vsense_ros.runner.multibody import SETTINGS, CarAdapter
 
 HEADING, RATE, AHEAD = 0.7, 0.4, -1.8  # [rad], [rad/s], [m]
@@ -49,6 +50,15 @@ def test_it_is_moved_from_where_the_file_has_it_however_often_it_is_found(adapte
     once.place_antennas(AHEAD, 0.0)
     for found in (adapter, once):
         assert found.car.sensed["position"].mounting[0] == adapter.sensors["position"].mounting()[0] + AHEAD
+
+
+def test_a_place_that_is_doubted_along_the_car_is_uncertain_in_the_direction_in_which_it_points(adapter):
+    known = adapter.snapshot(0).pose_covariance
+    adapter.widen_published(doubted := adapter.snapshot(0), Apart(along=1.5))
+    ahead, left = np.array([[cos(HEADING), sin(HEADING)], [-sin(HEADING), cos(HEADING)]])
+    added = (doubted.pose_covariance - known)[:2, :2]
+    assert ahead @ added @ ahead == pytest.approx(1.5**2)
+    assert abs(left @ added @ left) < 1e-12
 
 
 def test_place_velocity_and_heading_are_doubted_by_what_the_old_place_did_to_them(adapter):

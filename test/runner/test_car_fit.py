@@ -113,6 +113,16 @@ def test_where_the_antenna_sits_is_known_within_its_deviation(ahead):
     assert deviation < 0.5 * CAR_FIT.place_spread
 
 
+def test_an_antenna_is_as_uncertain_as_the_file_until_bends_show_where_it_sits():
+    def deviation(seconds, ahead, by_file=1.0):
+        return driven(seconds, ahead=ahead).place_deviation(by_file)
+
+    assert deviation(1.0, -1.8) == pytest.approx(1.0)
+    assert deviation(60.0, 0.0) < 0.25  # the file is right,
+    assert deviation(60.0, -1.8) == pytest.approx(1.8, abs=0.3)  # and here wrong, so that its place is that far off
+    assert deviation(60.0, 0.0, by_file=0.0) == deviation(1.0, 0.0, by_file=0.0) == 0.0
+
+
 def test_soft_rear_tyres_are_said_as_slip_and_as_less_understeer() -> None:
     fit = driven(rear=0.5)
     slip = found(fit)["slip"]

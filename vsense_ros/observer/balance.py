@@ -15,6 +15,7 @@ from vsense_ros.model.car.balance import SHARES, CarBalance
 from vsense_ros.model.constants import GRAVITY
 from vsense_ros.model.coordinates import PITCH, ROLL, STEERING_OFFSET
 from vsense_ros.model.sensors import SensorBase
+from vsense_ros.model.sensors.imu import FORCES
 from vsense_ros.model.vehicle import Vehicle
 from vsense_ros.observer.estimate import Estimate, with_missing_forces
 from vsense_ros.observer.state import DISTURB, FORCE, FORWARD
@@ -29,6 +30,7 @@ _AT_REST = np.array([0.0, 0.0, 0.0, 0.0, 0.0, GRAVITY])  # what an axis that is 
 _TIME_CONSTANT = np.sqrt(np.sqrt(2) - 1) / (2 * pi * CUTOFF)  # [s] of each of two, which together have this cutoff
 # Root mean squares that are reported, as SHARES: beyond the errors that the inertial sensor of a car leaves.
 LARGEST = np.array([0.08, 0.08, 0.08, 0.1, 0.1, 0.04])
+DEVIATIONS = 2.0  # by which more may be over: standard deviations of what the filter states of both sides
 
 
 class Balance:
@@ -62,6 +64,7 @@ class Balance:
         self._once, self._twice = np.zeros(14), np.zeros(14)
         self._square, self._since = np.zeros(6), 0.0
         self._waiting: list[tuple[Estimate, Array]] = []  # estimates that are not compared yet, and readings
+        self._newest: Estimate | None = None  # of those that were compared
 
     def forget(self) -> None:
         """The filter begins anew: no reading has come yet."""
@@ -111,6 +114,7 @@ class Balance:
         estimates = [estimate for estimate, _ in self._waiting]
         signals = self._signals(estimates, np.array([reading for _, reading in self._waiting]))
         self._waiting.clear()
+        self._newest = estimates[-1]
         once, low, passed = self._low_passed([e.stamp for e in estimates], signals)
         rates, turning = low[:, :3], (once[:, :3] - low[:, :3]) / _TIME_CONSTANT
         # The lever arm's tangential and centripetal parts, ω × (ω × r) = ω (ω · r) - r ω².
@@ -159,6 +163,17 @@ class Balance:
             once[i], twice[i] = self._once, self._twice
         return once, twice, times
 
+    def _deviations(self) -> Array:
+        """Standard deviations of what is over, as `SHARES` (6,): those of the car's acceleration, which the tyres make,
+        and of the biases of the accelerometers, by the newest estimate."""
+        newest = self._newest
+        if newest is None:
+            return np.zeros(6)
+        covariance, first = newest.acceleration_covariance.copy(), newest.car.layout.biases[self._index].start
+        biases = slice(first + FORCES.start, first + FORCES.stop)
+        covariance[:3, :3] += self._to_car @ newest.covariance[biases, biases] @ self._to_car.T
+        return self._car.deviations(covariance)
+
     def diagnostic(self) -> Diagnostic:
         """One line on how well the forces have added up in the last `MEMORY`."""
         self.settle()
@@ -171,8 +186,9 @@ class Balance:
         mean = np.sqrt(self._square / (1 - exp(-self._since / MEMORY)))
         comparable = np.isfinite(self._car.shares(np.where(self._measured, 0.0, np.nan)))
         values = {f"{name} [%]": f"{100 * mean[i]:.1f}" for i, name in enumerate(SHARES) if comparable[i]}
+        largest = np.hypot(LARGEST, DEVIATIONS * self._deviations())
         exceeded = [
-            f"{name} {100 * mean[i]:.0f} %" for i, name in enumerate(SHARES) if comparable[i] and mean[i] > LARGEST[i]
+            f"{name} {100 * mean[i]:.0f} %" for i, name in enumerate(SHARES) if comparable[i] and mean[i] > largest[i]
         ]
         if exceeded and self._since > MEMORY:
             text = f"tyre forces do not add up to what {self.sensor} feels: {', '.join(exceeded)} off"

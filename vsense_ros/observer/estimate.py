@@ -36,7 +36,7 @@ from vsense_ros.observer.car_blocks import CarBlocks, accelerations_by_error, wh
 from vsense_ros.observer.error_ekf import CarFilter
 from vsense_ros.observer.observable import undetermined
 from vsense_ros.observer.state import DISTURB, FORCE, TWIST
-from vsense_ros.observer.unseen import add_tilt, add_unseen, unlikely_bias
+from vsense_ros.observer.unseen import add_tilt, add_unseen, outer, unlikely_bias
 
 Array = NDArray[np.float64]
 
@@ -77,9 +77,9 @@ class Estimate:
     # (6,) force [N] and moment [N m] of the tyres beyond what the inertial sensor feels, as `model.car.balance` and
     # low-passed; NaN while it is not heard.
     unbalanced: Array = field(default_factory=_UNKNOWN.copy)
-    # (8,) variances of velocity, rates, place and heading that contradictions between sensors add, until it is decided
-    # who is wrong, or that nobody measures.
-    undecided: Array = field(default_factory=lambda: np.zeros(8))
+    # (9,) variances of velocity, rates, place, heading and place along the car that contradictions between sensors add,
+    # until it is decided who is wrong, or that nobody measures.
+    undecided: Array = field(default_factory=lambda: np.zeros(9))
     longitudinal_shares: Array = field(default_factory=lambda: np.zeros(4))  # as `CarMemory`
 
     @classmethod
@@ -134,6 +134,8 @@ class Estimate:
         add_tilt(pose, self, added, self.vehicle.observer.surroundings.change_length)
         twist[..., range(6), range(6)] += self.undecided[..., :6]
         pose[..., _PLACE, _PLACE] += self.undecided[..., 6:7]
+        ahead = np.stack([np.cos(self.state[..., YAW]), np.sin(self.state[..., YAW])], axis=-1)
+        pose[..., :2, :2] += self.undecided[..., 8, None, None] * outer(ahead)
         # Where the car goes is measured: what it goes sideways too much, it points elsewhere.
         square = np.maximum(self.velocity[..., 0] ** 2, _SLOW**2)
         pose[..., _YAW_OF_POSE, _YAW_OF_POSE] += self.undecided[..., 1] / square + self.undecided[..., 7]

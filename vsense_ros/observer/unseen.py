@@ -82,9 +82,9 @@ def add_unseen(
     pose[..., _ROLL, _ROLL] += unseen.crossfall**2
     if unseen.timing > 0:
         change = unseen.timing * motion.udot[..., :_TWIST_SIZE]
-        twist += _square(change)
+        twist += outer(change)
         on_map = turned(motion.orientation, velocity)
-        pose += _square(unseen.timing * np.concatenate([on_map, motion.rates], axis=-1))
+        pose += outer(unseen.timing * np.concatenate([on_map, motion.rates], axis=-1))
 
 
 def unlikely_bias(state: Array, sensors: Iterable[SensorBase], biases: Iterable[slice], known: Array) -> Array:
@@ -120,7 +120,7 @@ def add_tilt(pose: Array, motion: Motion, bias: Array, change_length: float) -> 
     pose[..., _PITCH, _PITCH] += pitch + turned_by * roll
 
 
-def _square(vectors: Array) -> Array:
+def outer(vectors: Array) -> Array:
     """Outer products of vectors (…, n) with themselves, (…, n, n)."""
     return vectors[..., :, None] * vectors[..., None, :]
 

@@ -61,6 +61,7 @@ class Apart(NamedTuple):
     yaw_rate: float = 0.0  # [rad/s]
     place: float = 0.0  # [m] east and north
     heading: float = 0.0  # [rad]
+    along: float = 0.0  # of the place, in the direction in which the car points [m]
 
 
 class Adapter(ABC):

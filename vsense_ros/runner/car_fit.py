@@ -20,7 +20,7 @@ from __future__ import annotations
 from collections import deque
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
-from math import degrees, hypot, isfinite
+from math import degrees, exp, hypot, isfinite, sqrt
 from typing import Any
 
 import casadi as ca
@@ -270,6 +270,20 @@ class CarFit:
             yield Quantity("GNSS antenna ahead of the rear axle", "m", self._arm, arm, spread, s.place)
             words = "slip angle of the rear axle per lateral acceleration"
             yield Quantity(words, "", 1.0, slip, spread_of_slip, s.slip)
+
+    def place_deviation(self, by_file: float) -> float:
+        """Standard deviation of where the antenna sits less where the file has it [m], of courses and of what it is in
+        all files, `by_file` [m].
+
+        Most files are right, and some are off by meters: a share of (`by_file` over `place_spread`)² of them is off by
+        `place_spread`. Courses speak for a file that is right by the ratio of densities at its place, after them over
+        before (Dickey 1971, Annals of Mathematical Statistics 42(1)).
+        """
+        ahead, deviation = self.further if self.further[1] else (0.0, CAR_FIT.place_spread)
+        share = min((by_file / CAR_FIT.place_spread) ** 2, 1.0)
+        right = CAR_FIT.place_spread / deviation * exp(-0.5 * (ahead / deviation) ** 2)
+        elsewhere = share / (share + (1.0 - share) * right) if share else 0.0
+        return sqrt(elsewhere) * hypot(ahead, deviation)
 
     def forget_places(self) -> None:
         """Stamps were others than was believed, which looks like an antenna elsewhere: begin anew."""

@@ -2,8 +2,8 @@
 ratio that is grossly another one within seconds of driving, from which on the steering angle has the noise of that.
 
 An antenna that sits elsewhere shows in the first bend that is driven slowly, as its course turns by r x / V. Once that
-is certain the filter takes it to be there, and the place, the lateral velocity and the heading have the standard
-deviation that is left of it.
+is certain the filter takes it to be there. The place, the lateral velocity and the heading have the standard deviation
+of it throughout: by the file, while no bend has shown it, and then what is left.
 """
 
 from __future__ import annotations
@@ -33,6 +33,8 @@ class FitJudge(Judge):
         self._adapter, self.are_believed, self._latency, self._shift = adapter, are_believed, latency, shift
         self._stamps_of = 0  # `changes` of the stamps that courses were compared with
         self._further = 0.0, 0.0  # [m] that the antenna is taken to sit further ahead, and its standard deviation
+        self._doubted: tuple[float, float] | None = None  # `CarFit.further` of which `_place` follows
+        self._place = 0.0  # [m] standard deviation of the antenna's place
         self._rate = 0.0  # [rad/s] of the last block
         self._bend = 0.0  # [1/m] curvature of the bends of late, for as long as the filter corrects a heading
         self._widened = 0  # when the steering's error was last given time to change [ns]
@@ -58,8 +60,12 @@ class FitJudge(Judge):
 
     @property
     def apart(self) -> Apart | None:
-        deviation = self._further[1]
-        return Apart(across=DOUBT.sideways * abs(self._rate) * deviation, place=deviation) if deviation else None
+        if self._doubted != self._fit.further:
+            self._doubted = self._fit.further
+            self._place = self._fit.place_deviation(self._adapter.vehicle.observer.unseen.antenna)
+        deviation = self._further[1] or self._place
+        along = deviation if self._adapter.has_position else 0.0
+        return Apart(across=DOUBT.sideways * abs(self._rate) * deviation, along=along) if deviation else None
 
     def forget(self, stamp: int) -> None:
         self._fit.forget()

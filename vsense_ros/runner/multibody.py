@@ -61,7 +61,7 @@ SETTINGS = CarAdapterSettings()
 _CONVERGED = np.array([[0.5, 0.5, 0.02], [1.0, 1.0, 0.04]])
 _TURNED_PLACE, _TURNED_YAW = 10.0, 0.1  # [m], [rad] deviations once the car has been turned around
 _LATERAL_FORCE = FORCE.start + Y  # element of the state
-_UNDECIDED = 0, 1, 5, 6, 7  # elements of `Estimate.undecided` that an `Apart` is about
+_UNDECIDED = 0, 1, 5, 6, 7, 8  # elements of `Estimate.undecided` that an `Apart` is about
 
 
 class CarAxes(InertialAxes):

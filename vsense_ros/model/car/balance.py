@@ -71,6 +71,13 @@ class CarBalance:
         wrench[..., ABOUT_X:] += self._inertia * turning
         return wrench
 
+    def deviations(self, covariance: Array) -> Array:
+        """Standard deviations (6,) of `shares`, from the covariance (6, 6) of the specific force [m/s²] and the change
+        of the rates [rad/s²] that `of_motion` takes, for a body that hardly leans."""
+        level = np.zeros(6)
+        by_motion = self.shares(self.of_motion(np.eye(6)[:, :3], np.eye(6)[:, 3:], level, level, level))
+        return np.sqrt(np.diag(by_motion.T @ covariance @ by_motion))
+
     def axle_loads(self, wrench: Array) -> tuple[Array, Array]:
         """Vertical forces of the front and of the rear axle [N] with this force and moment (…, 6)."""
         front = (wrench[..., Z] * self._to_rear - wrench[..., ABOUT_Y]) / (self._to_front + self._to_rear)

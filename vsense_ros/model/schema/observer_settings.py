@@ -88,6 +88,10 @@ class UnseenErrors(Part):
     crossfall: float = parameter(
         "rad", "standard deviation of the lean of road and inertial sensor that lasts all along", ge=0, default=0.02
     )
+    antenna: float = parameter(
+        "m", "standard deviation of the place of GNSS antennas along the car, until courses in bends show it", ge=0,
+        default=1.0,
+    )  # fmt: skip
 
 
 class EstimatedParameter(Part):
