@@ -9,6 +9,7 @@ from vsense_ros.estimation.timeline import Event
 from vsense_ros.messages.diagnostic import Level
 from vsense_ros.model.car.balance import SHARES, CarBalance
 from vsense_ros.model.constants import GRAVITY
+from vsense_ros.model.schema.drivetrain import Drivetrain
 from vsense_ros.runner import Runner, run
 
 
@@ -73,6 +74,16 @@ def test_forces_that_the_filter_hardly_knows_may_differ_from_what_is_felt(vehicl
     newest = observer.adapter.balance._newest
     monkeypatch.setitem(newest.__dict__, "acceleration_covariance", np.diag([1.0, 0, 0, 0, 0, 0]) ** 2)
     assert "longitudinal force" not in balance_line(observer).message
+
+
+def test_longitudinal_forces_of_wheels_that_are_absent_are_not_compared(vehicle, lane_change):
+    sensors = {name: one for name, one in vehicle.sensors.items() if one.kind != "wheel_speeds"}
+    car = vehicle.model_copy(update={"drivetrain": Drivetrain(), "sensors": sensors})
+    observer = estimated(Runner(car, lane_change.map_origin), messages(lane_change, 4.0))
+    (force,) = (s.values["force"] for s in observer.estimate() if s.topic == "vsense/wheel_force/rl")
+    assert np.isnan(force[0])
+    assert "longitudinal force [%]" not in balance_line(observer).values
+    assert "lateral force [%]" in balance_line(observer).values
 
 
 def test_without_its_inertial_sensor_there_is_no_balance(vehicle, lane_change):

@@ -39,12 +39,13 @@ class Balance:
     Both are low-passed alike, so that what differs is not their delay. Readings count as they came, whether the filter
     believes them or not. Without such a sensor, while it is silent, and of a car that tows, whose forces at the hitch
     are none of tyres, the answer is NaN. Where the sensor lacks some of its six axes so are the sums that ask for
-    these; for the others the car turns about the vertical alone, along which there is gravity.
+    these; for the others the car turns about the vertical alone, along which there is gravity. Longitudinal forces that
+    no sensor gives to wheels (`forces_determined` is false) are absent, and add up to nothing.
     """
 
-    def __init__(self, vehicle: Vehicle, sensors: dict[str, SensorBase]) -> None:
+    def __init__(self, vehicle: Vehicle, sensors: dict[str, SensorBase], *, forces_determined: bool = True) -> None:
         able = [name for name, sensor in sensors.items() if "rates and forces" in sensor.measures]
-        self._tows = vehicle.physics.trailer is not None
+        self._tows, self._forces_determined = vehicle.physics.trailer is not None, forces_determined
         self.sensor = able[0] if able and not self._tows else None
         self._index = -1
         self._car = CarBalance(vehicle.physics)
@@ -92,6 +93,7 @@ class Balance:
         nearest = np.abs(self._to_car).argmax(axis=1)
         rates, forces = present[:3][nearest], present[3:][nearest]
         moments = rates & [forces[1], forces[0], True]  # a force at cog makes a moment about the road
+        forces = forces & [self._forces_determined, True, True]
         return np.concatenate([forces, moments])
 
     def compare(self, estimate: Estimate) -> None:

@@ -97,7 +97,7 @@ class CarAdapter(Adapter):
         self.left_out = left_out_of_observer(vehicle)
         self._of_course = {i for i, sensor in enumerate(sensors.values()) if "course" in sensor.measures}
         self.has_position = any("position" in sensor.measures for sensor in sensors.values())
-        self.balance = Balance(vehicle, sensors)
+        self.balance = Balance(vehicle, sensors, forces_determined=self.car.prior.torques.determine_forces)
         self.tilt = Tilt(sensors, self.car)
         self.lateral_force_error = self.car.prior.deviation.item(_LATERAL_FORCE)
         self._start: Start | None = None
