@@ -273,6 +273,14 @@ def test_a_car_without_wheel_speeds_knows_that_it_stands_before_it_knows_its_hea
     assert radius < 1e-5  # no sensor sees a wheel turn: its radius is that of the file
 
 
+def test_a_car_that_stands_does_not_roll_away_while_its_wheel_speeds_are_awaited(vehicle: Vehicle) -> None:
+    standing = at_rest(vehicle, 30.0)
+    heard = [sample for sample in messages(standing) if sample.topic != WHEELS]
+    estimate = feed(Runner(vehicle, standing.map_origin), heard).snapshot()
+    assert abs(estimate.velocity[0]) < 0.1
+    assert estimate.twist_covariance[0, 0] ** 0.5 < 0.15
+
+
 @pytest.mark.parametrize(
     "missing",
     [

@@ -42,9 +42,9 @@ def test_what_follows_from_many_states_at_once_is_what_follows_from_each(
 def test_what_contradictions_leave_undecided_is_in_the_covariance_of_each_and_of_many(
     driven: tuple[Runner, list[Estimate]],
 ) -> None:
-    without = [replace(e, undecided=np.zeros(8)) for e in driven[1]]
+    without = [replace(e, undecided=np.zeros(9)) for e in driven[1]]
     some = list(without)
-    added = np.array([0.25, 0.04, 0.0, 0.0, 0.0, 0.01, 0.0, 0.0])
+    added = np.array([0.25, 0.04, 0.0, 0.0, 0.0, 0.01, 0.0, 0.0, 0.0])
     some[0] = replace(some[0], undecided=added)
     together = stacked(some).twist_covariance
     np.testing.assert_allclose(together[0], without[0].twist_covariance + np.diag(added[:6]), rtol=1e-15)

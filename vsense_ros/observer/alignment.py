@@ -130,11 +130,12 @@ class Alignment:
         return float(yaw), float(np.hypot(0.05, np.sqrt(event.variance.max()) / speed))
 
     def _rest(self, event: Event) -> None:
-        """Correct the velocity of a car without wheel speeds by one that cannot be distinguished from none.
+        """Correct the velocity of a car whose wheels tell no speed by one that cannot be distinguished from none.
 
         It is none in whatever direction the car stands, and determines no heading."""
         car = self._filter.car
-        if car.prior.torques.measured or "course" not in self._sensors[event.sensor].measures:
+        rolling = any("rolling speed" in s.measures and self._intake.sends(i) for i, s in enumerate(self._sensors))
+        if rolling or "course" not in self._sensors[event.sensor].measures:
             return
         if not float(np.hypot(*event.value)) < ALIGNMENT.least_deviations * float(np.sqrt(event.variance.max())):
             return

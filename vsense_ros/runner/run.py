@@ -15,6 +15,7 @@ from vsense_ros.errors import InputError
 from vsense_ros.messages.diagnostic import Diagnostic, Level
 from vsense_ros.messages.growing import Growing
 from vsense_ros.messages.recording import Channel, Recording, Sample
+from vsense_ros.model.sensors import SensorBase
 from vsense_ros.model.vehicle import Vehicle
 from vsense_ros.observer.estimate import BALANCE
 from vsense_ros.runner.adapter import Adapter, MakeFilter
@@ -53,7 +54,10 @@ def run(
     is called with the share done, 0 to 1. Raises `InputError` if the recording has none of the vehicle's sensors, or
     the filter never starts.
     """
-    runner = Runner(vehicle, recording.map_origin, make or (every_filter()[name].make if name else None))
+    silent = silent_wheels(vehicle, recording)
+    known = {key: sensor for key, sensor in vehicle.sensors.items() if key not in silent}
+    heard = vehicle.model_copy(update={"sensors": known})
+    runner = Runner(heard, recording.map_origin, make or (every_filter()[name].make if name else None))
     present = topics_in(recording, runner.topics)
     total = sum(len(recording[t]) for t in present)
     interval = int(0.999e9 / rate)
@@ -80,10 +84,29 @@ def run(
         step_us_median=float(np.median(times) * 1e6),
         realtime_factor=recording.duration / elapsed,
         messages_lost=recording.messages_lost,
-        diagnostics=runner.diagnostics(),
+        diagnostics=[*runner.diagnostics(), *silent.values()],
         parameters=runner.parameters(),
         failure=_failure(runner, recording, collected.first_stamp),
     )
+
+
+def silent_wheels(vehicle: Vehicle, recording: Recording) -> dict[str, Diagnostic]:
+    """Sensors of wheels that a vehicle file lists and a recording has no message of, by name, with their diagnostics;
+    none where nothing else in the recording measures the speed.
+
+    A filter that waits for them takes torques, radii and the car's longitudinal force to be measured.
+    """
+
+    def has(sensor: SensorBase) -> bool:
+        return sensor.topic in recording and len(recording[sensor.topic]) > 0
+
+    if not any(has(sensor) and "ground speed" in sensor.measures for sensor in vehicle.sensors.values()):
+        return {}
+    return {
+        name: Diagnostic(name, Level.STALE, f"no message on {sensor.topic}")
+        for name, sensor in vehicle.sensors.items()
+        if sensor.measures & {"rolling speed", "torques"} and not has(sensor)
+    }
 
 
 def _failure(runner: Runner, recording: Recording, first: int) -> str:
