@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -10,11 +11,12 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
+from vsense_ros.model.constants import GRAVITY
 from vsense_ros.model.coordinates import YAW
 from vsense_ros.model.schema.observer_settings import UnseenErrors
 from vsense_ros.model.vehicle import Vehicle
 from vsense_ros.observer.estimate import Estimate
-from vsense_ros.observer.unseen import turned
+from vsense_ros.observer.unseen import add_tilt, turned
 from vsense_ros.runner import Runner
 
 NONE = UnseenErrors(rear_axle_direction=0.0, rear_slip=0.0, timing=0.0, yaw_rate=0.0, position_share=0.0, crossfall=0.0)
@@ -50,6 +52,21 @@ def test_a_tenth_of_the_slip_angle_of_the_rear_axle_is_as_much_heading_and_side_
     sideways = unknown.twist_covariance[1, 1] - known.twist_covariance[1, 1]
     assert heading == pytest.approx((0.1 * slip) ** 2, rel=1e-6)
     assert sideways == pytest.approx((0.1 * slip * forward) ** 2, rel=1e-6)
+
+
+def test_pitch_is_doubted_after_a_bend_as_in_it() -> None:
+    """Roll that was wrong there made a grade, which the filter does not forget at once."""
+
+    def pitch_variance(rate: float, bend: float) -> float:
+        pose, rates = np.zeros((6, 6)), np.array([0.0, 0.0, rate])
+        motion = SimpleNamespace(velocity=np.array([20.0, 0.0, 0.0]), rates=rates)
+        add_tilt(pose, motion, np.array([0.0, 0.3**2]), 20.0, np.array(bend))  # type: ignore[arg-type]
+        return float(pose[4, 4])
+
+    within = pitch_variance(0.3, 0.0)
+    assert within == pytest.approx((0.3 / GRAVITY * 0.3) ** 2)  # a roll of 0.3 / g, turned by 0.3 rad in 20 m
+    assert pitch_variance(0.0, 0.3 / 20.0) == pytest.approx(within)
+    assert pitch_variance(0.0, 0.0) == 0.0
 
 
 @given(st.integers(0, 2**32 - 1))

@@ -80,6 +80,7 @@ class Estimate:
     # (9,) variances of velocity, rates, place, heading and place along the car that contradictions between sensors add,
     # until it is decided who is wrong, or that nobody measures.
     undecided: Array = field(default_factory=lambda: np.zeros(9))
+    bend: Array = field(default_factory=lambda: np.zeros(()))  # [1/m] largest curvature of the way of late
     longitudinal_shares: Array = field(default_factory=lambda: np.zeros(4))  # as `CarMemory`
 
     @classmethod
@@ -131,7 +132,7 @@ class Estimate:
         add_unseen(pose, twist, self, unseen, noise, self.axle_distances[..., 1])
         car = self.car
         added = unlikely_bias(self.state, car.sensor_list, car.layout.biases, car.prior.deviation)
-        add_tilt(pose, self, added, self.vehicle.observer.surroundings.change_length)
+        add_tilt(pose, self, added, self.vehicle.observer.surroundings.change_length, self.bend)
         twist[..., range(6), range(6)] += self.undecided[..., :6]
         pose[..., _PLACE, _PLACE] += self.undecided[..., 6:7]
         ahead = np.stack([np.cos(self.state[..., YAW]), np.sin(self.state[..., YAW])], axis=-1)

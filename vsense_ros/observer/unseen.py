@@ -105,16 +105,17 @@ def _shares_of_axes(roll: float, pitch: float, yaw: float) -> Array:
     return np.asarray(Rotation.from_euler("xyz", (roll, pitch, yaw)).as_matrix()[:2].T ** 2)
 
 
-def add_tilt(pose: Array, motion: Motion, bias: Array, change_length: float) -> None:
+def add_tilt(pose: Array, motion: Motion, bias: Array, change_length: float, bend: Array) -> None:
     """Add to the covariance (…, 6, 6) of position and attitude that a slope may have been taken for a bias.
 
     An accelerometer feels a slope and a bias alike, and the filter parts them by what the file expects of both. What a
     bias has beyond its standard deviation, as `unlikely_bias` has it (…, 2), may be the road's. Where the car turns,
     roll that is wrong makes a pitch rate, which passes for a grade that changes along `change_length` [m], and pitch
-    that is wrong a roll rate.
+    that is wrong a roll rate. Such a grade lasts beyond the bend: `bend` (…) is the curvature of late [1/m].
     """
     speed = np.maximum(np.abs(motion.velocity[..., 0]), _SLOWEST)
-    turned_by = np.minimum(np.abs(motion.rates[..., 2]) * change_length / speed, 1.0) ** 2
+    curvature = np.maximum(np.abs(motion.rates[..., 2]) / speed, bend)
+    turned_by = np.minimum(curvature * change_length, 1.0) ** 2
     pitch, roll = bias[..., 0] / GRAVITY**2, bias[..., 1] / GRAVITY**2
     pose[..., _ROLL, _ROLL] += roll + turned_by * pitch
     pose[..., _PITCH, _PITCH] += pitch + turned_by * roll

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from math import sqrt
+from math import exp, sqrt
 from typing import Any
 
 import numpy as np
@@ -37,6 +37,7 @@ from vsense_ros.observer.tilt import Tilt
 from vsense_ros.runner.adapter import Adapter, Apart, Move, Placing, Report, Widening, adapter_of
 from vsense_ros.runner.guard import GUARD, Vitals
 from vsense_ros.runner.inertial_axes import InertialAxes, Judged
+from vsense_ros.runner.lag_doubt import DOUBT
 
 Array = NDArray[np.float64]
 
@@ -102,6 +103,7 @@ class CarAdapter(Adapter):
         self.lateral_force_error = self.car.prior.deviation.item(_LATERAL_FORCE)
         self._start: Start | None = None
         self._settled = False  # it has converged
+        self._bend, self._bent_at = 0.0, 0  # [1/m] largest curvature of late, and when that was looked at [ns]
         if any("steering" in sensor.measures for sensor in sensors.values()):
             self.steering_error = DISTURB.start + STEERING_OFFSET
         around = vehicle.observer.surroundings
@@ -152,7 +154,7 @@ class CarAdapter(Adapter):
     def start(self, stamp: int) -> None:
         assert self._start is not None
         filter, mean, start = self.filter, self.car.mean, self._start
-        self._settled = False
+        self._settled, self._bend = False, 0.0
         filter.start_rolling(start.speed)
         self.balance.forget()
         self.tilt.forget()
@@ -324,6 +326,10 @@ class CarAdapter(Adapter):
             self.filter.set_element(element, float(mean[element]), float(np.hypot(deviation[element], change)))
 
     def watch(self, snapshot: Any, converged: Callable[[], bool]) -> None:
+        passed, self._bent_at = max(snapshot.stamp - self._bent_at, 0) * 1e-9, snapshot.stamp
+        bend = abs(snapshot.state.item(YAW_RATE)) / max(abs(snapshot.state.item(FORWARD)), SETTINGS.moving)
+        self._bend = max(bend, self._bend * exp(-passed / DOUBT.corrected))
+        snapshot.bend[...] = self._bend
         self.balance.compare(snapshot)
         self.tilt.look(snapshot.stamp, converged)
 
