@@ -34,7 +34,7 @@ def test_the_noise_of_a_signal_is_what_the_filter_leaves_of_it_whatever_the_car_
     t = np.arange(BEGIN - 1.0, END + 1.0, PERIOD)
     errors = deviation * np.random.default_rng(1).standard_normal(len(t))
     drive = window_of(slalom(t) + errors, t)
-    found = noise(drive, drive.readings, SENSORS, 0.3)["yaw_rate"]
+    found = noise([(drive, drive.readings, SENSORS, 0.3)])["yaw_rate"]
     clean = window_of(slalom(t), t)
     left = signals(drive, drive.readings, SENSORS, 0.3)["yaw_rate"]
     left = left - signals(clean, clean.readings, SENSORS, 0.3)["yaw_rate"]
@@ -45,7 +45,16 @@ def test_the_noise_of_a_signal_is_what_the_filter_leaves_of_it_whatever_the_car_
 def test_a_signal_without_noise_has_next_to_none():
     t = np.arange(BEGIN - 1.0, END + 1.0, PERIOD)
     drive = window_of(slalom(t), t)
-    assert noise(drive, drive.readings, SENSORS, 0.3)["yaw_rate"] < 1e-4
+    assert noise([(drive, drive.readings, SENSORS, 0.3)])["yaw_rate"] < 1e-4
+
+
+def test_windows_that_are_too_short_to_know_their_noise_know_it_together():
+    deviation, t = 0.01, np.arange(BEGIN - 1.0, END + 1.0, 0.1)
+    drive = window_of(slalom(t / 10) + deviation * np.random.default_rng(5).standard_normal(len(t)), t)
+    parts = [drive.part(b, b + 1.9, run_in=0.5, yaw_rate=0.0, lateral_velocity=0.0) for b in np.arange(5.0, 190.0, 5.0)]
+    apart = [(part, part.readings, SENSORS, 0.3) for part in parts]
+    assert noise(apart)["yaw_rate"] == pytest.approx(deviation, rel=0.2)
+    assert "yaw_rate" not in noise(apart[:1])
 
 
 @pytest.mark.parametrize(("step", "held"), [(0.02, 1), (0.02, 5), (0.0, 5)], ids=["coarse", "coarse, held", "held"])
@@ -58,7 +67,7 @@ def test_values_in_steps_and_held_values_have_the_noise_of_what_was_sampled(step
     read = np.round(read / step) * step if step else read
     drive = window_of(read, t)
     expected = float(np.hypot(deviation, step / np.sqrt(12)) * np.sqrt(2 * SIGNALS.cut_off * PERIOD * held))
-    assert noise(drive, drive.readings, SENSORS, 0.3)["yaw_rate"] == pytest.approx(expected, rel=0.6)
+    assert noise([(drive, drive.readings, SENSORS, 0.3)])["yaw_rate"] == pytest.approx(expected, rel=0.6)
 
 
 def test_side_slip_is_the_course_less_the_heading_up_to_what_drifts():

@@ -13,7 +13,8 @@ from hypothesis import strategies as st
 from numpy.testing import assert_allclose
 
 from vsense_ros import codegen
-from vsense_ros.codegen import simd
+from vsense_ros.codegen import rows, simd
+from vsense_ros.codegen.rows import OfRows
 from vsense_ros.model.car.car import car_of
 from vsense_ros.model.constants import GRAVITY
 from vsense_ros.model.coordinates import INPUTS
@@ -181,3 +182,14 @@ def test_a_rolling_car_in_any_lane_is_accelerated_by_gravity_along_its_slope(veh
     level, *sloping = (motion.u[-1, 0] - motion.u[begin, 0] for motion in motions)
     for slope, change in zip((0.02, 0.04), sloping, strict=True):
         assert abs(change - level) == pytest.approx(slope * GRAVITY * duration, rel=0.1)
+
+
+@pytest.mark.parametrize("count", [1, 7, 8, 9, 30])
+@pytest.mark.parametrize("found_compiler", [codegen.compiler, lambda: None])
+def test_of_many_rows_each_has_what_casadi_makes_of_it(monkeypatch, found_compiler, count):
+    monkeypatch.setattr(rows, "compiler", found_compiler)
+    x, size, nothing = ca.SX.sym("x", 4), ca.SX.sym("size"), ca.SX.sym("nothing", 0)
+    scaled = ca.Function("scaled", [x, size, nothing], [size * every_operation()(x)], ["x", "size", "nothing"], ["y"])
+    numbers = np.random.default_rng(2).uniform(0.1, 3.0, (count, 4))
+    expected = [np.array(scaled(row, 0.7, []))[:, 0] for row in numbers]
+    assert_allclose(OfRows(scaled, {"size"})(numbers, np.array([0.7]), np.zeros((count, 0))), expected, rtol=1e-12)

@@ -40,6 +40,15 @@ class Driving:
     varying: Mapping[str, Array]  # (n,) by name, of parameters that change along the road
 
 
+@dataclass(frozen=True)
+class _Recorded:
+    """What was recorded in a window, in the middle of each step; not to be changed."""
+
+    inputs: Array  # (n, 6) as model.coordinates.INPUTS; no torques where they are not measured
+    speed: Array  # (n,) at which the wheels roll [m/s]
+    acceleration: Array  # (n,) with which a car whose tyres slip then moves [m/s²]
+
+
 class Drives:
     """The inputs of a car in each window of a data set; `names` are those of its parameters, in order."""
 
@@ -52,6 +61,7 @@ class Drives:
             raise InputError(f"{vehicle.name}: cars that tow a trailer (physics.trailer) are not explained")
         self.vehicle, self.dataset, self.names = vehicle, dataset, names
         self.radius = float(np.mean(rolling_radii(vehicle)))
+        self._known: dict[tuple[int, tuple[float, float, float]], _Recorded] = {}  # by window and delays
 
     def driving(
         self, index: int, parameter_set: ParameterSet, sensors: Mapping[str, SensorBase], road: RoadInWindow,
@@ -67,25 +77,13 @@ class Drives:
         return Driving(key, parameters, shares, delays, road.around, road.felt)
 
     def run(self, index: int, way: Driving, memory: Array) -> Run:
-        steering_late, torques_late, speed_late = way.delays
-        window = self.dataset.windows[index]
-        middle = middle_of_steps(window)
-        n = len(middle)
-        inputs = np.zeros((n, len(INPUT_NAMES)))
-        steering = window.readings[self.sensor_that_measures(window.readings, "steering") or ""]
-        measured = np.isfinite(steering.value[:, 0])
-        inputs[:, STEERING] = np.interp(middle + steering_late, steering.t[measured], steering.value[measured, 0])
-        speed, acceleration = self._rolling(index, speed_late) if speed_late else self._usual_rolling[index]
+        window, recorded = self.dataset.windows[index], self._recorded(index, way.delays)
+        inputs, speed, acceleration = recorded.inputs.copy(), recorded.speed, recorded.acceleration
         mass = way.parameters[self.names.index("chassis.mass")]
         # Of each wheel, if all of them move the whole car alike.
-        inertia = np.full((n, 4), mass * self.radius**2 / 4)
+        inertia = np.full((len(inputs), 4), mass * self.radius**2 / 4)
         if window.torques:
-            torques = window.readings[self.sensor_that_measures(window.readings, "torques") or ""]
-            known = np.isfinite(torques.value).all(axis=1)
-            at = middle + torques_late
-            for wheel, torque in enumerate(torques.value[known].T, TORQUES.start):
-                inputs[:, wheel] = np.interp(at, torques.t[known], torque)
-            inertia[middle > window.begin + window.run_in - 0.5] = 0.0
+            inertia[middle_of_steps(window) > window.begin + window.run_in - 0.5] = 0.0
         else:
             inertia *= 2 * _of_each_wheel(acceleration, *way.shares)
             inputs[:, TORQUES] = inertia / self.radius * acceleration[:, None]
@@ -93,6 +91,29 @@ class Drives:
         q[YAW] += window.heading
         target, gain = speed / self.radius, inertia / WINDOWS.holding_time
         return Run(q, u, Inputs(PREDICTION.step, inputs, way.around, way.varying, target, gain), way.parameters, memory)
+
+    def _recorded(self, index: int, delays: tuple[float, float, float]) -> _Recorded:
+        """What was recorded in a window, of which that for the last delays is known."""
+        if (key := (index, delays)) not in self._known:
+            if len(self._known) >= 2 * len(self.dataset.windows):
+                self._known.pop(next(iter(self._known)))
+            self._known[key] = self._interpolated(index, *delays)
+        self._known[key] = self._known.pop(key)  # the last to be forgotten
+        return self._known[key]
+
+    def _interpolated(self, index: int, steering_late: float, torques_late: float, speed_late: float) -> _Recorded:
+        window = self.dataset.windows[index]
+        middle = middle_of_steps(window)
+        inputs = np.zeros((len(middle), len(INPUT_NAMES)))
+        steering = window.readings[self.sensor_that_measures(window.readings, "steering") or ""]
+        measured = np.isfinite(steering.value[:, 0])
+        inputs[:, STEERING] = np.interp(middle + steering_late, steering.t[measured], steering.value[measured, 0])
+        if window.torques:
+            torques = window.readings[self.sensor_that_measures(window.readings, "torques") or ""]
+            known = np.isfinite(torques.value).all(axis=1)
+            for wheel, torque in enumerate(torques.value[known].T, TORQUES.start):
+                inputs[:, wheel] = np.interp(middle + torques_late, torques.t[known], torque)
+        return _Recorded(inputs, *self._rolling(index, speed_late))
 
     @cached_property
     def _speedometer(self) -> list[str]:
@@ -105,10 +126,6 @@ class Drives:
     def sensor_that_measures(self, names: Iterable[str], what: MeasuredQuantity) -> str | None:
         """Name of the one of these sensors that measures something; None if none does."""
         return best_measuring(((name, self.dataset.sensors[name]) for name in names), what)
-
-    @cached_property
-    def _usual_rolling(self) -> list[tuple[Array, Array]]:
-        return [self._rolling(index, 0.0) for index in range(len(self.dataset.windows))]
 
     def _rolling(self, index: int, late: float) -> tuple[Array, Array]:
         """At what speed [m/s] the wheels roll in the middle of each step of a window, and with what acceleration [m/s²]

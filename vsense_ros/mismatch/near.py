@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,7 +13,15 @@ from vsense_ros.model.simulation.differences import Differences, Known
 from vsense_ros.model.simulation.open_loop import OpenLoop, Run, StateHistory
 
 Array = NDArray[np.float64]
-Moved = tuple[StateHistory, dict[int, dict[str, Array]]]  # a motion, and what of its signals is known, by the sensors
+
+
+@dataclass
+class Moved:
+    """A motion in a window, and what is known of it."""
+
+    motion: StateHistory
+    lost_from: float  # when the car gets lost [s], infinite where it never does
+    signals: dict[int, dict[str, Array]] = field(default_factory=dict)  # by a hash of the sensors
 
 
 class MotionsNear:

@@ -46,7 +46,7 @@ class Residuals:
         self.deviation = {}
         for name in names:
             size = np.concatenate([m[name] - m[name].mean() for m in measured if name in m]).std()
-            noise = np.median([n[name] for n in predictor.noise if name in n] or [0.0])
+            noise = predictor.noise.get(name, 0.0)
             self.deviation[name] = float(
                 np.linalg.norm([compared_signals()[name].floor, RESIDUALS.model_error_share * size, noise])
             )

@@ -7,7 +7,7 @@ physics.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -21,6 +21,7 @@ from vsense_ros.mismatch.windows import WINDOWS, Readings, Window
 from vsense_ros.model.sensors import SensorBase, best_measuring, compared_signals
 
 Array = NDArray[np.float64]
+Sensed = tuple[Window, Mapping[str, Readings], Mapping[str, SensorBase], float]  # the arguments of `signals`
 
 
 @dataclass(frozen=True)
@@ -29,7 +30,7 @@ class SignalSettings:
 
     kept_every: int = 4  # instants of the grid: below the cut-off no more are needed
     cut_off: float = 6.0  # [Hz] above it roads and engines shake a car in ways that no model of handling describes
-    least_values: int = 50  # of a signal, of fewer of which its noise is not known
+    least_values: int = 50  # of a signal, of fewer of which its noise is not known: of one window, or of all together
     edge: float = 0.4  # [s] at the end of a window, where the filter has not settled
 
 
@@ -64,21 +65,32 @@ def signals(
 
 
 def noise(
-    window: Window, readings: Mapping[str, Readings], sensors: Mapping[str, SensorBase], radius: float
+    windows: Iterable[tuple[Window, Mapping[str, Readings], Mapping[str, SensorBase], float]],
 ) -> dict[str, float]:
-    """Standard deviation of the white noise that is left in the signals of a window, by name.
+    """Standard deviation of the white noise that is left in the signals of windows, by name, from the arguments of
+    `signals` for each: the median of the windows that have enough values, or else of all windows together.
 
     What the filter leaves of the noise of samples is its share of their band; values that are held until new ones come
     are one sample.
     """
-    deviations = {}
-    for name, at, value in _made(window, readings, sensors, radius):
-        held = period_of_updates(value[:, None]) or 1
-        at, value = at[::held], value[::held]
-        if len(value) > SIGNALS.least_values:
-            share = min(1.0, 2 * SIGNALS.cut_off * float(np.median(np.diff(at))))
-            deviations[name] = white_noise(value) * share**0.5
-    return deviations
+    samples: dict[str, list[tuple[Array, float]]] = {}  # by name, values of each window, and their period [s]
+    for window in windows:
+        for name, at, value in _made(*window):
+            held = period_of_updates(value[:, None]) or 1
+            if len(value) > held:
+                samples.setdefault(name, []).append((value[::held], float(np.median(np.diff(at[::held])))))
+    return {name: of for name, of_windows in samples.items() if (of := _noise(of_windows)) is not None}
+
+
+def _noise(samples: Sequence[tuple[Array, float]]) -> float | None:
+    """Standard deviation of the noise in values with their periods [s], by window; None of too few values."""
+    known = [one for one in samples if len(one[0]) > SIGNALS.least_values]
+    if not known:
+        if sum(len(values) for values, _ in samples) <= SIGNALS.least_values:
+            return None
+        together = np.concatenate([part for values, _ in samples for part in (values, [np.nan])])
+        known = [(together, float(np.median([period for _, period in samples])))]
+    return float(np.median([white_noise(v) * min(1.0, 2 * SIGNALS.cut_off * period) ** 0.5 for v, period in known]))
 
 
 def _made(

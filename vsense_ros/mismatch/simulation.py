@@ -10,15 +10,14 @@ import casadi as ca
 import numpy as np
 from numpy.typing import NDArray
 
-from vsense_ros import codegen
-from vsense_ros.codegen import Kernel
+from vsense_ros.codegen.rows import OfRows
 from vsense_ros.identification.parameter_set import ParameterSet
 from vsense_ros.mismatch.driving import Drives, Driving
 from vsense_ros.mismatch.effect_parameters import effect_of, parameters_of, with_all_effects
-from vsense_ros.mismatch.near import MotionsNear
+from vsense_ros.mismatch.near import MotionsNear, Moved
 from vsense_ros.mismatch.prediction_settings import PREDICTION
 from vsense_ros.mismatch.road_in_windows import RoadsInWindows
-from vsense_ros.mismatch.signals import noise, signals
+from vsense_ros.mismatch.signals import Sensed, noise, signals
 from vsense_ros.mismatch.windows import WINDOWS, Dataset, Readings, Window
 from vsense_ros.model.car.car import Car, car_of
 from vsense_ros.model.car.kinematics import motion_of
@@ -45,7 +44,7 @@ class Predictor:
         self.car = car_of(self.vehicle)
         self.names = self.car.parameter_names
         self._loop = OpenLoop(self.car, PREDICTION.keep_every, PREDICTION.renew_every)
-        self._motions: list[dict[int, tuple[StateHistory, dict[int, dict[str, Array]]]]] = [{} for _ in dataset.windows]
+        self._motions: list[dict[int, Moved]] = [{} for _ in dataset.windows]  # by key
         self._near = None if self._loop.library is None else MotionsNear(self._loop)
         # Parameter sets that are driven at once. Motions near a known one, of one window at a time, need as many as
         # there are lanes; with more, long recordings would only take more memory.
@@ -58,10 +57,8 @@ class Predictor:
         self.drives = Drives(self.vehicle, dataset, self.names)
         self.radius = self.drives.radius
         self.roads = RoadsInWindows(self.vehicle, dataset, self.start, self._moving, self._kept)
-        measuring = {name: sensor for name, sensor in dataset.sensors.items() if sensor.signals}
-        functions = [_equation(self.car, f"sense_{i}", sensor) for i, sensor in enumerate(measuring.values())]
-        compiled = codegen.compiled("sensing", functions) if functions else []
-        self._sensing = {name: _Sensing(function) for name, function in zip(measuring, compiled, strict=True)}
+        self._measuring_sensors = {name: sensor for name, sensor in dataset.sensors.items() if sensor.signals}
+        self._sensing = _Sensing(self.car, self._measuring_sensors)
 
     @cached_property
     def measured(self) -> list[dict[str, Array]]:
@@ -69,26 +66,27 @@ class Predictor:
         return [signals(*window) for window in self._measuring()]
 
     @cached_property
-    def noise(self) -> list[dict[str, float]]:
-        """White noise of the measured signals of each window."""
-        return [noise(*window) for window in self._measuring()]
+    def noise(self) -> dict[str, float]:
+        """White noise of the measured signals."""
+        return noise(self._measuring())
 
-    def _measuring(self) -> Iterator[tuple[Window, dict[str, Readings], Mapping[str, SensorBase], float]]:
+    def _measuring(self) -> Iterator[Sensed]:
         for window in self.dataset.windows:
-            readings = {name: rows for name, rows in window.readings.items() if name in self._sensing}
+            readings = {name: rows for name, rows in window.readings.items() if name in self._measuring_sensors}
             yield window, readings, self.dataset.sensors, self.radius
 
     def simulated(self, parameter_set: ParameterSet) -> list[dict[str, Array]]:
         """Signals of each window as a car with these parameters would have them; empty where it left all bounds."""
         sensors, _ = self._ways(parameter_set)
         result = []
-        for window, (motion, sensed, way) in zip(self.dataset.windows, self._all_moved(parameter_set), strict=True):
-            reading = hash(tuple(sensors.items()))
-            if reading not in sensed:
-                if len(sensed) > 3:
-                    sensed.pop(next(iter(sensed)))
-                sensed[reading] = self._signals(window, motion, sensors, way)
-            result.append(sensed[reading])
+        reading = hash(tuple(sensors.items()))
+        for window, (moved, way) in zip(self.dataset.windows, self._all_moved(parameter_set), strict=True):
+            known = moved.signals
+            if reading not in known:
+                if len(known) > 3:
+                    known.pop(next(iter(known)))
+                known[reading] = self._signals(window, moved.motion, sensors, way)
+            result.append(known[reading])
         return result
 
     def lost(self, parameter_set: ParameterSet) -> list[bool]:
@@ -99,15 +97,17 @@ class Predictor:
         """When in each window the simulated car loses the road, or a wheel does, where the real one does not [s];
         infinite where it never does. What was steered and braked for another car does not hold one at its limit, and
         says no more than that."""
-        moved = self._all_moved(parameter_set)
-        return [self._lost_from(index, motion) for index, (motion, _, _) in enumerate(moved)]
+        return [moved.lost_from for moved, _ in self._all_moved(parameter_set)]
+
+    def _moved(self, index: int, motion: StateHistory) -> Moved:
+        return Moved(motion, self._lost_from(index, motion))
 
     def _lost_from(self, index: int, motion: StateHistory) -> float:
         """The instant from which the simulated car is lost in one window [s], as `lost_from`."""
         begin = self.dataset.windows[index].begin
         if not _in_bounds(motion):
             return begin
-        lost = ~(np.abs(np.arctan2(motion.u[:, Y], motion.u[:, X])) < PREDICTION.spun)
+        lost = ~(np.abs(motion.u[:, Y]) < np.tan(PREDICTION.spun) * motion.u[:, X])  # spun is below a quarter turn
         if not self._slipped[index]:
             rolling = motion.u[:, SPIN] * self.radius - motion.u[:, [X]]
             lost |= np.any(
@@ -146,14 +146,12 @@ class Predictor:
         self.foresee([one for one in parameter_sets if self._in_full(one)])
         every = [self._ways(one)[1] for one in quick]
         _, known = self._ways(near)
-        motions = [motion for motion, _, _ in self._all_moved(near)]
+        moved = [one for one, _ in self._all_moved(near)]
         runs = [self.drives.run(i, way, self._remembered[i]) for i, way in enumerate(known)]
         # Torques that hold a measured speed change from step to step, and a motion is stored once in several steps.
-        held = [
-            i for i, (motion, window) in enumerate(zip(motions, self.dataset.windows, strict=True))
-            if window.torques and np.isinf(self._lost_from(i, motion))
-        ]  # fmt: skip
-        self._near.begin({i: (known[i].key, runs[i], motions[i]) for i in held}, quick)
+        windows = enumerate(zip(moved, self.dataset.windows, strict=True))
+        held = [i for i, (one, window) in windows if window.torques and np.isinf(one.lost_from)]
+        self._near.begin({i: (known[i].key, runs[i], moved[i].motion) for i in held}, quick)
         for index in held:
             self._drive_near(self._near, index, [ways[index] for ways in every])
 
@@ -163,8 +161,9 @@ class Predictor:
         new = {way.key: way for way in ways if way.key not in self._motions[index]}
         driven = near.drive(index, [self.drives.run(index, way, self._remembered[index]) for way in new.values()])
         for key, motion in zip(new, driven, strict=True):
-            if np.isinf(self._lost_from(index, motion)):
-                near.motions[index, key] = motion, {}
+            moved = self._moved(index, motion)
+            if np.isinf(moved.lost_from):
+                near.motions[index, key] = moved
 
     def _in_full(self, parameter_set: ParameterSet) -> bool:
         """True if a parameter set is not simulated by its distance from another: an effect has a size that remembers,
@@ -212,12 +211,10 @@ class Predictor:
             known = self._motions[index]
             if len(known) >= self._kept:
                 known.pop(next(iter(known)))
-            known[key] = motion, {}
+            known[key] = self._moved(index, motion)
 
-    def _all_moved(
-        self, parameter_set: ParameterSet
-    ) -> list[tuple[StateHistory, dict[int, dict[str, Array]], Driving]]:
-        """Motion in each window, what of its signals is known already, by the sensors, and what it depends on."""
+    def _all_moved(self, parameter_set: ParameterSet) -> list[tuple[Moved, Driving]]:
+        """The motion in each window with what is known of it, and what it depends on."""
         _, ways = self._ways(parameter_set)
         near = {} if self._near is None else self._near.known_of(parameter_set)
         self._drive([ways], near)
@@ -225,9 +222,9 @@ class Predictor:
         for index, (way, known) in enumerate(zip(ways, self._motions, strict=True)):
             if way.key in known:
                 known[way.key] = known.pop(way.key)  # the last to be forgotten
-                motions.append((*known[way.key], way))
+                motions.append((known[way.key], way))
             else:
-                motions.append((*near[index, way.key], way))
+                motions.append((near[index, way.key], way))
         return motions
 
     def _sensors(self, parameter_set: ParameterSet) -> dict[str, SensorBase]:
@@ -279,13 +276,11 @@ class Predictor:
         if not _in_bounds(motion):
             return {}
         readings = {}
-        for name, sensing in self._sensing.items():
+        for name, sensed in self._sensing(motion, way.around[:: PREDICTION.keep_every], sensors):
             if name not in window.readings:
                 continue
             stamps, base, now = window.readings[name].t, self.dataset.sensors[name], sensors[name]
-            value = (
-                sensing(motion, way.around[:: PREDICTION.keep_every], now.mounting()) + now.offsets() - base.offsets()
-            )
+            value = sensed + now.offsets() - base.offsets()
             older = now.ages() - base.ages()
             at = stamps - window.begin
             read = np.column_stack(
@@ -313,16 +308,6 @@ def _in_bounds(motion: StateHistory) -> bool:
     return bool(np.isfinite(motion.u[-1]).all())
 
 
-def _equation(car: Car, name: str, sensor: SensorBase) -> ca.Function:
-    """(q, u, udot, disturbances, mounting) → measurement."""
-    udot = ca.SX.sym("udot", 14)
-    mounting = ca.SX.sym("mounting", len(sensor.mounting()))
-    biases = ca.SX.zeros(len(sensor.biases()))
-    motion = motion_of(car.q, car.u, udot, car.disturbances, ca.SX.zeros(car.inputs.numel()))
-    arguments = [car.q, car.u, udot, car.disturbances, mounting]
-    return codegen.function(name, arguments, [sensor.equation(motion, biases, mounting)], ["q", "u", "udot", "g", "m"])
-
-
 def _parameters_of_motion(car: Car) -> frozenset[str]:
     """Names of the parameters that the motion of a car depends on; the others concern its sensors alone."""
     moving = ca.vertcat(car.dynamics, car.next_internal_state(ca.SX(PREDICTION.step)))
@@ -332,20 +317,27 @@ def _parameters_of_motion(car: Car) -> frozenset[str]:
 
 
 class _Sensing:
-    """What a sensor would measure at all instants of a motion; arrays for motions of each length are made once."""
+    """What all sensors would measure at all instants of a motion."""
 
-    def __init__(self, equation: ca.Function) -> None:
-        self._equation = equation
-        self._kernels: dict[int, tuple[list[Array], Kernel]] = {}
+    def __init__(self, car: Car, sensors: Mapping[str, SensorBase]) -> None:
+        udot = ca.SX.sym("udot", 14)
+        motion = motion_of(car.q, car.u, udot, car.disturbances, ca.SX.zeros(car.inputs.numel()))
+        mountings = {name: ca.SX.sym(name, len(sensor.mounting())) for name, sensor in sensors.items()}
+        measured = [
+            sensor.equation(motion, ca.SX.zeros(len(sensor.biases())), mountings[name])
+            for name, sensor in sensors.items()
+        ]
+        ends = np.cumsum([values.numel() for values in measured], dtype=int)
+        self._places = {name: slice(end - v.numel(), end) for name, end, v in zip(sensors, ends, measured, strict=True)}
+        arguments = [car.q, car.u, udot, car.disturbances, ca.vertcat(*mountings.values())]
+        names = ["q", "u", "udot", "g", "mountings"]
+        function = ca.Function("sensing", arguments, [ca.densify(ca.vertcat(*measured))], names, ["measured"])
+        self._of_rows = OfRows(function, constant={"mountings"})
 
-    def __call__(self, motion: StateHistory, around: Array, mounting: Array) -> Array:
-        """(rows, components)."""
-        rows = len(motion.t)
-        if rows not in self._kernels:
-            arguments = [np.zeros((rows, self._equation.nnz_in(i))) for i in range(self._equation.n_in())]
-            self._kernels[rows] = arguments, Kernel(self._equation.map(rows), [a.reshape(-1) for a in arguments])
-        arguments, kernel = self._kernels[rows]
-        for argument, value in zip(arguments, (motion.q, motion.u, motion.udot, around, mounting), strict=True):
-            argument[:] = value
-        kernel.call()
-        return kernel.results[0].T.copy()
+    def __call__(
+        self, motion: StateHistory, around: Array, sensors: Mapping[str, SensorBase]
+    ) -> Iterator[tuple[str, Array]]:
+        """The name of each sensor, as it is mounted now, with its measurements (rows, components)."""
+        mountings = np.concatenate([np.zeros(0), *(sensors[name].mounting() for name in self._places)])
+        measured = self._of_rows(motion.q, motion.u, motion.udot, around, mountings)
+        return ((name, measured[:, place]) for name, place in self._places.items())
