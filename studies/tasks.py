@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 from vsense_ros.cache import digest_of
 from vsense_ros.files.atomic import in_place_of
 from vsense_ros.files.installed import vehicle_path
-from vsense_ros.mismatch.fleet import workers
+from vsense_ros.fleet.fleet import workers
 
 if TYPE_CHECKING:
     from distributed import Client

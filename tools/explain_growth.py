@@ -22,10 +22,10 @@ import run_parts
 import vsense_ros as vs
 from vsense_ros.bag import write_bag
 from vsense_ros.files.vehicle import save_vehicle
+from vsense_ros.fleet import fleet
 from vsense_ros.manoeuvre import generate
 from vsense_ros.messages.recording import Recording
 from vsense_ros.mismatch import explain as explaining
-from vsense_ros.mismatch import fleet
 from vsense_ros.mismatch.candidates import Candidate, candidates
 
 TITLE = "## Explaining, by candidates, effects and workers"

@@ -19,7 +19,7 @@ from pathlib import Path
 
 import numpy as np
 
-from vsense_ros.mismatch.fleet import Member, NoAnswer, Result, explain_fleet, workers
+from vsense_ros.fleet.fleet import Member, NoAnswer, Result, explain_fleet, workers
 
 ROOT = Path(__file__).resolve().parents[1]
 BAG = ROOT / "bags/double_lane_change"

@@ -24,11 +24,12 @@ from vsense_ros.bag import write_bag
 from vsense_ros.cli import main
 from vsense_ros.errors import InputError
 from vsense_ros.files.vehicle import save_vehicle
+from vsense_ros.fleet import fleet
+from vsense_ros.fleet import report as fleet_report
+from vsense_ros.fleet.fleet import RecordingUse, Result
 from vsense_ros.messages.recording import Recording
-from vsense_ros.mismatch import fleet, fleet_report
 from vsense_ros.mismatch.answer_schema import Answer
 from vsense_ros.mismatch.explain import Explanation
-from vsense_ros.mismatch.fleet import RecordingUse, Result
 from vsense_ros.model.vehicle import Vehicle
 
 Progress = Callable[[float], None]

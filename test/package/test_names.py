@@ -116,8 +116,8 @@ def test_no_cell_of_a_table_begins_a_formula_and_no_text_is_lost(text: str) -> N
 
 
 def test_the_table_of_a_fleet_begins_no_formula(tmp_path: Path) -> None:
-    from vsense_ros.mismatch.fleet import FAILED, NoAnswer, Result
-    from vsense_ros.mismatch.fleet_report import write
+    from vsense_ros.fleet.fleet import FAILED, NoAnswer, Result
+    from vsense_ros.fleet.report import write
 
     found = NoAnswer(verdict=FAILED, sentence="@SUM(1)")
     write([Result(key="", vehicle="=cmd|'x'!A1", recordings=(), outcome=found)], tmp_path)

@@ -58,7 +58,7 @@ def fleet_by_tls(_: Workshop) -> str:
     try:
         from distributed import Client
 
-        from vsense_ros.mismatch import fleet
+        from vsense_ros.fleet import fleet
     except ImportError as error:
         raise LeftOut(f"needs {error.name}") from None
     with fleet.workers(None, 1) as client:

@@ -172,14 +172,15 @@ def _design(vehicle: str, report: Path) -> None:
 
 def _explain_fleet(folder: Path, report: Path, scheduler: str | None, count: int | None) -> None:
     from vsense_ros.evaluate.terminal import console, progress, say
-    from vsense_ros.mismatch import fleet, fleet_report
+    from vsense_ros.fleet import fleet
+    from vsense_ros.fleet import report as pages
 
     fleet.make_room(report, folder)
     members = fleet.members(folder)
     with progress(f"explaining {len(members)} vehicles") as done, fleet.workers(scheduler, count) as client:
         results = fleet.explain_fleet(members, report, client, progress=done)
-    fleet_report.write(results, report)
-    fleet_report.printed(results, console())
+    pages.write(results, report)
+    pages.printed(results, console())
     say(f"Results in {report}.")
 
 

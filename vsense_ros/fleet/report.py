@@ -18,8 +18,8 @@ from rich.text import Text
 from vsense_ros.evaluate.html_page import write_page
 from vsense_ros.files.atomic import atomic_write, in_place_of
 from vsense_ros.files.names import cell
+from vsense_ros.fleet.fleet import FAILED, TABLE, Result
 from vsense_ros.mismatch.answer_schema import EffectEntry
-from vsense_ros.mismatch.fleet import FAILED, TABLE, Result
 from vsense_ros.mismatch.page import PAGE as REPORT
 from vsense_ros.mismatch.words import BADGES, Badge, percent, place_in_words, sizes_in_words
 
@@ -136,7 +136,7 @@ def write(results: Sequence[Result], out: Path) -> None:
     effects = _frequency(results)
     write_page(
         out / PAGE,
-        "vsense_ros.mismatch",
+        "vsense_ros.fleet",
         "fleet.html.j2",
         headline=_headline(results),
         effects=effects,

@@ -1,0 +1,1 @@
+"""Many cars at once: each is explained in a process of its own, and what is found stands in one report."""
