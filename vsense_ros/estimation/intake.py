@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from enum import Enum, auto
 from math import isfinite
 from typing import Generic, TypeVar
@@ -105,10 +105,13 @@ class Intake(Generic[Sensor]):
                 )
             del self._doubtful[index]
 
-    def released(self, index: int) -> Iterator[tuple[int, Event]]:
+    def released(self, index: int) -> Iterable[tuple[int, Event]]:
         """Readings of a sensor that were held and turned out to be in time, with the stamps of their messages [ns]."""
+        return self._release(index) if index in self._released else ()
+
+    def _release(self, index: int) -> Iterator[tuple[int, Event]]:
         newest = self._arrived, self._silence
-        for stamp, arrived, event in self._released.pop(index, ()):
+        for stamp, arrived, event in self._released.pop(index):
             self._arrived, self._silence = arrived, arrived - self._used
             yield stamp, event
         self._arrived, self._silence = newest

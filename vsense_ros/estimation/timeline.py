@@ -213,7 +213,8 @@ class Timeline:
         if event.stamp < latest - self._merge:
             self._insert(event)
             return True
-        self.catch_up()
+        if self._ahead:
+            self.catch_up()
         self._occur(event)
         return False
 

@@ -60,7 +60,7 @@ def trivial(recording: Recording) -> dict[str, tuple[str, SignalScore]]:
 
     The last reading of the sensor that measures the signal, as it is: GNSS for speed, course and position, the gyro
     and the accelerometers; zero for angles and velocities that are small on most drives; else the mean of the truth,
-    which nobody knows beforehand.
+    which nobody knows beforehand. How late a reading is, they do not have.
     """
     truths = read_signals(recording, "reference")
     readings = {reading.signal.name: (label, reading) for label, reading in _raw_readings(recording, truths)}
@@ -69,7 +69,7 @@ def trivial(recording: Recording) -> dict[str, tuple[str, SignalScore]]:
         label, estimate = readings.get(name, (ZERO, _level(truth, 0.0)))
         if name not in readings and name not in _ABOUT_ZERO:
             label, estimate = CONSTANT, _level(truth, truth.value.mean(axis=0))
-        result = score(estimate, truth)
+        result = score(estimate, truth, with_lag=False)
         if result is not None:
             costless[name] = label, result
     return costless

@@ -112,8 +112,9 @@ def without_reference(output: Recording, scored: Collection[str]) -> list[str]:
     return missing
 
 
-def score(estimate: Series, truth: Series) -> SignalScore | None:
-    """Score one signal where the estimate claims to know it; None where the two have no such time in common."""
+def score(estimate: Series, truth: Series, *, with_lag: bool = True) -> SignalScore | None:
+    """Score one signal where the estimate claims to know it; None where the two have no such time in common. The lag
+    takes longer than all the rest, and can be left out."""
     aligned = align(estimate, truth)
     claimed = ~(aligned.deviation >= estimate.signal.unknown)
     if not claimed.any():
@@ -129,7 +130,7 @@ def score(estimate: Series, truth: Series) -> SignalScore | None:
         rmse=rmse,
         nrmsd_percent=None if extent is None else 100.0 * rmse / extent,
         bias=float(mean[0]) if len(mean) == 1 else float(np.linalg.norm(mean)),
-        lag_s=None if extent is None else lag(estimate, truth),
+        lag_s=lag(estimate, truth) if with_lag and extent is not None else None,
         unit=estimate.signal.unit,
         n=len(error),
         within_2s=float(np.mean(np.abs(ratio) < 2.0)) if len(ratio) else None,

@@ -54,12 +54,15 @@ class LeapJudge(Judge):
 
     def __init__(self, adapter: Adapter, intake: Intake[SensorBase]) -> None:
         super().__init__()
-        self._intake, self._physics = intake, adapter.vehicle.physics
+        self._intake = intake
         sensors = tuple(adapter.sensors.values())
         self._names = tuple(adapter.sensors)
         self._speeds = [i for i, one in enumerate(sensors) if one.measures_speed or "position" in one.measures]
         self.hears = frozenset(i for i in self._speeds if not sensors[i].on_map)
         self.judged = bool(self.hears) and place_of(sensors, "rates and forces") >= 0
+        rolling = (i for i in self.hears if "rolling speed" in sensors[i].measures)
+        physics, spin = adapter.vehicle.physics, np.ones(1)
+        self._radii = {i: sensors[i].first_speed(spin, physics) or 0.0 for i in rolling}  # [m]
         self.forget(0)
 
     def forget(self, stamp: int) -> None:
@@ -104,10 +107,9 @@ class LeapJudge(Judge):
 
     def _measured(self, event: Event) -> tuple[float, ...]:
         """The speeds in a message [m/s]: of each wheel, or of the car."""
-        sensor = self._intake.sensors[event.sensor]
-        if "rolling speed" not in sensor.measures:
+        radius = self._radii.get(event.sensor)
+        if radius is None:
             return (event.value.item(0),)
-        radius = sensor.first_speed(np.ones(1), self._physics) or 0.0
         return tuple(radius * spin for spin in event.value.tolist())
 
     def feel(self, stamp: int, h: float, felt: list[float]) -> None:

@@ -182,17 +182,17 @@ class Runner:
 
     def _use(self, event: Event, stamp: int) -> None:
         """Let the filter that has started have a reading of a message with a stamp [ns], if that can be true."""
-        index = event.sensor
-        timing = self.intake.timing(event, self._timeline.oldest, self.stamp)
+        index, newest = event.sensor, self._timeline.stamp
+        timing = self.intake.timing(event, self._timeline.oldest, newest)
         if timing is Timing.RESTART:
             self._stop(valid=True)
             self.intake.restart(index)
             self.gather(event)
         elif timing is Timing.USED:
-            if self.stamp < self._started_at + UNSURE and self.adapter.contradicts_start(event):
+            if newest < self._started_at + UNSURE and self.adapter.contradicts_start(event):
                 return
             self.intake.believe(index, stamp)
-            if event.stamp > max(self.stamp, stamp):
+            if event.stamp > stamp and event.stamp > newest:
                 self._keep_early(event)
                 return
             if self._early:
@@ -251,7 +251,7 @@ class Runner:
         vote = self.vote
         if self.judges.settle(self._timeline):
             vote.wait, vote.confirmed, vote.spared = self.judges.suspect, self.judges.confirms, self.judges.spares
-        if vote.due(self.stamp):
+        if vote.due(self._timeline.stamp):
             vote.decide(self._timeline)
         while vote.returned:
             sensor, axis, jump = vote.returned.pop()
