@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Mapping
+from contextlib import contextmanager
 from itertools import repeat
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -157,7 +158,7 @@ def write_pieces(
     target.parent.mkdir(parents=True, exist_ok=True)
     with TemporaryDirectory(prefix=f".{target.name}.", dir=target.parent) as folder:
         written = Path(folder) / target.name
-        with BagWriter(written, compression=compression) as writer:
+        with _named(path), BagWriter(written, compression=compression) as writer:
             notes: dict[str, None] = {}
             for index, piece in enumerate(pieces):
                 notes |= dict.fromkeys(piece.notes)
@@ -167,6 +168,17 @@ def write_pieces(
         for old in _replaceable(path, overwrite):
             old.unlink()
         written.replace(target)
+
+
+@contextmanager
+def _named(path: Path) -> Iterator[None]:
+    """Let errors of writing, as of a full disk, say what was to be written: the system does not."""
+    try:
+        yield
+    except OSError as error:
+        if error.filename is None:
+            error.filename = str(path)
+        raise
 
 
 def _write(writer: BagWriter, recording: Recording) -> None:
