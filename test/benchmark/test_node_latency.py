@@ -1,14 +1,20 @@
 """From a sensor's stamp to `vsense/odometry`, across two processes at 250 Hz.
 
 The observer runs as its own process. Each round stamps and publishes an IMU message (every third with wheel speeds and
-steering, every 25th with GNSS) on the grid of 4 ms, and ends when the estimate made of it has arrived here.
+steering, every 25th with GNSS) on the grid of 4 ms, and ends when the estimate made of it has arrived here. What is
+compiled is there already. `start_s` is the time from the start of the process to its first estimate, with sensors that
+send from the beginning; `p99_loaded_ms` is the 99th percentile beside as many busy loops as there are cores.
 """
 
 from __future__ import annotations
 
 import os
+import subprocess
+import sys
 import threading
 import time
+from collections.abc import Iterator
+from contextlib import ExitStack, contextmanager
 from typing import Any
 
 import numpy as np
@@ -26,7 +32,8 @@ from vsense_ros.node.processes import NodeProcess, free_domain, ros_environment
 from vsense_ros.node.spin import EventsExecutor
 
 PERIOD = 0.004  # [s]
-ROUNDS = 5000
+ROUNDS, LOADED_ROUNDS = 5000, 2500
+LONGEST_START = 180.0  # [s], where something has to be compiled after all
 SPEED = 20.0  # [m/s] straight ahead, to the east
 WHEELS = ("wheel_fl", "wheel_fr", "wheel_rl", "wheel_rr")
 
@@ -62,6 +69,17 @@ def measurements(count: int, stamp: int) -> list[Sample]:
     return due
 
 
+@contextmanager
+def loaded() -> Iterator[None]:
+    """All cores are busy."""
+    with ExitStack() as stack:
+        for _ in os.sched_getaffinity(0):
+            busy = subprocess.Popen([sys.executable, "-c", "while True: pass"])
+            stack.callback(busy.wait)
+            stack.callback(busy.kill)
+        yield
+
+
 @pytest.mark.benchmark(group="through ROS", min_rounds=1)
 def test_sensor_stamp_to_odometry_at_250_hz(benchmark: Any) -> None:
     environment = ros_environment(free_domain())
@@ -79,13 +97,10 @@ def test_sensor_stamp_to_odometry_at_250_hz(benchmark: Any) -> None:
     executor = EventsExecutor(context=context)
     executor.add_node(node)
     end: Future = Future()
-    spinning = threading.Thread(target=executor.spin_until_future_complete, args=(end, 1e8))
-    with NodeProcess("observer", {"vehicle": "rav4"}, environment) as observer:
-        observer.wait_until_active()
-        spinning.start()
-        while any(publisher.get_subscription_count() == 0 for publisher in publishers.values()):
-            time.sleep(0.05)
-        began = time.perf_counter()
+    spinning = threading.Thread(target=executor.spin_until_future_complete, args=(end, 1e8), daemon=True)
+    spinning.start()
+    began = time.perf_counter()
+    with NodeProcess("observer", {"vehicle": "rav4"}, environment):
         sent = missed = 0
 
         def wait_for_the_next_tick() -> None:
@@ -94,26 +109,43 @@ def test_sensor_stamp_to_odometry_at_250_hz(benchmark: Any) -> None:
             # A tick that was missed is left out, as a sensor would: two at once are not what is asked about.
             time.sleep(PERIOD - (time.perf_counter() - began) % PERIOD)
 
-        def measure() -> None:
-            nonlocal missed
-            arrived.clear()
+        def publish() -> None:
             stamp = time.time_ns()
             for sample in measurements(sent, stamp):
                 publishers[sample.topic].publish(cdr.encode(sample))
+
+        def measure() -> None:
+            nonlocal missed
+            arrived.clear()
+            publish()
             missed += not arrived.wait(0.1)
 
-        for _ in range(500):  # until the observer has started and settled
+        def measured() -> float:
             wait_for_the_next_tick()
+            before = time.perf_counter()
             measure()
+            return time.perf_counter() - before
+
+        while not arrived.is_set():
+            wait_for_the_next_tick()
+            publish()
+            assert time.perf_counter() - began < LONGEST_START
+        started = time.perf_counter() - began
+        for _ in range(500):  # until the observer has started and settled
+            measured()
         missed = 0
         benchmark.pedantic(measure, setup=wait_for_the_next_tick, rounds=ROUNDS, iterations=1)
+        benchmark.extra_info["missed"] = missed
+        with loaded():
+            beside_others = [measured() for _ in range(LOADED_ROUNDS)]
     end.set_result(None)
     spinning.join()
     node.destroy_node()
     rclpy.shutdown(context=context)
-    assert missed < ROUNDS // 100
     latencies = np.array(benchmark.stats.stats.data)
     for q in (50, 90, 99, 99.9):
         benchmark.extra_info[f"p{q:g}_ms"] = round(float(np.percentile(latencies, q)) * 1e3, 3)
-    benchmark.extra_info["missed"] = missed
+    benchmark.extra_info["p99_loaded_ms"] = round(float(np.percentile(beside_others, 99)) * 1e3, 3)
+    benchmark.extra_info["start_s"] = round(started, 2)
     print(benchmark.extra_info)
+    assert benchmark.extra_info["missed"] < ROUNDS // 100
