@@ -13,16 +13,18 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 from rich.console import Console
+from scipy.stats import binomtest
 
 from studies import best_twin
 from studies.best import FREE, SECONDS, TRUTH, curve_slopes, wrong_start
 from studies.best_twin import Twin
-from studies.tasks import Task, pool
+from studies.tasks import Failed, Task, kept, pool
 from vsense_ros.estimation.filter import Array
 from vsense_ros.evaluate.terminal import plain_table
 from vsense_ros.identification import best
@@ -52,11 +54,12 @@ class Intervals:
     without_noise: Array
 
 
-def intervals(twins: int = TWINS, progress: Progress = lambda share: None) -> Intervals:
-    """Errors over stated standard deviations, of that many twins."""
-    tasks = [Task(_SECONDS_OF_TWIN, twin_intervals, (FIRST_SEED + i,)) for i in range(twins)]
+def intervals(store: Path, twins: int = TWINS, progress: Progress = lambda share: None) -> Intervals:
+    """Errors over stated standard deviations, of that many twins; each is kept in `store`."""
+    seeds = range(FIRST_SEED, FIRST_SEED + twins)
+    tasks = {f"twin {seed}": Task(_SECONDS_OF_TWIN, twin_intervals, (seed,)) for seed in seeds}
     with pool() as do_tasks:
-        rows = do_tasks(tasks, progress)
+        rows = [row for row in do_tasks(kept(tasks, store), progress) if not isinstance(row, Failed)]
     return Intervals(*(np.array(column) for column in zip(*rows, strict=True)))
 
 
@@ -117,6 +120,7 @@ def content(made: Intervals) -> dict[str, Any]:
         "parameters": {
             SYMBOLS[name][0]: {
                 "inside_90_percent": _share(made.true[:, i]),
+                "inside_between": _between(made.true[:, i]),
                 "inside_90_percent_of_pseudo_true": _share(made.pseudo_true[:, i]),
                 "median_deviation_percent": float(100 * np.median(made.stated[:, i])),
                 "median_error_without_noise_percent": float(100 * np.median(made.without_noise[:, i])),
@@ -132,6 +136,12 @@ def content(made: Intervals) -> dict[str, Any]:
     }  # fmt: skip
 
 
+def _between(errors: Array) -> list[float]:
+    """95 % interval of the share of intervals that hold, by n twins (Clopper & Pearson 1934)."""
+    found = binomtest(int((np.abs(errors) < WITHIN).sum()), len(errors)).proportion_ci()
+    return [float(found.low), float(found.high)]
+
+
 def _share(errors: Array | Sequence[float]) -> float:
     return float((np.abs(errors) < WITHIN).mean())
 
@@ -143,7 +153,9 @@ def show(made: Intervals, out: Console) -> None:
     table = plain_table(f"{found['twins']} twins at their limits", *heads, right=heads)
     for symbol, row in found["parameters"].items():
         table.add_row(
-            symbol, f"{100 * row['inside_90_percent']:.0f} %",
+            symbol,
+            f"{100 * row['inside_90_percent']:.0f} % ({100 * row['inside_between'][0]:.0f} to "
+            f"{100 * row['inside_between'][1]:.0f})",
             f"{100 * row['inside_90_percent_of_pseudo_true']:.0f} %", f"{row['median_deviation_percent']:.2f}",
             f"{row['median_error_without_noise_percent']:+.2f}", f"{row['spread_without_noise_percent']:.2f}",
         )  # fmt: skip

@@ -18,6 +18,7 @@ from scipy.optimize import least_squares
 
 from studies import best_twin
 from studies.best import FREE, SECONDS, TRUTH, curve_errors, wrong_start
+from studies.tasks import Failed, Task, kept, pool
 from vsense_ros.estimation.filter import Array
 from vsense_ros.evaluate.terminal import plain_table
 from vsense_ros.files.atomic import atomic_write
@@ -51,31 +52,36 @@ class Study:
     refused: Mapping[str, float]
 
 
-def study(starts: int = STARTS, everyday: int = EVERYDAY, progress: Progress | None = None) -> Study:
-    """Takes some ten minutes."""
+def study(
+    store: Path, starts: int = STARTS, everyday: int = EVERYDAY, progress: Progress = lambda share: None
+) -> Study:
+    """Takes some ten minutes; each start and each drive is kept in `store`."""
+    tasks = {f"start {seed}": Task(8.0, of_start, (100 + seed,)) for seed in range(starts)}
+    tasks |= {f"everyday {seed}": Task(4.0, of_everyday, (seed,)) for seed in range(everyday)}
+    with pool() as do_tasks:
+        found = do_tasks(kept(tasks, store), progress)
+    largest = np.array([one for one in found[:starts] if not isinstance(one, Failed)]).reshape(-1, 2)
+    drives = [one for one in found[starts:] if not isinstance(one, Failed)]
+    errors, deviations = (np.array([one[i] for one in drives]) for i in range(2))
+    shares = {name: float(np.mean([name in one[2] for one in drives])) if drives else 0.0 for name in REFUSED}
+    return Study(largest[:, 0], largest[:, 1], errors, deviations, shares)
+
+
+def of_start(seed: int) -> tuple[float, float]:
+    """Largest curve error from one start, of the filter and of least squares."""
     drive = best_twin.drive(best_twin.rich_driver(0), SECONDS).recorded(0, cut_off=best.SETTINGS.cut_off)
-    by_filter, by_peer, errors, deviations = [], [], [], []
-    counts = dict.fromkeys(REFUSED, 0)
-    total = starts + everyday
-    for seed in range(starts):
-        start = wrong_start(100 + seed)
-        by_filter.append(_largest(rinse(best.identifier(start, FREE), [drive]).values))
-        by_peer.append(_largest(output_error(drive, start)))
-        if progress is not None:
-            progress((seed + 1) / total)
-    for seed in range(everyday):
-        identified, start = everyday_drive(seed)
-        row = [cornering_stiffness(identified, axle, start) for axle in AXLES]
-        truth = [cornering_stiffness(_of(TRUTH, identified), axle, PAPER)[0] for axle in AXLES]
-        errors.append([(value - true) / spread for (value, spread), true in zip(row, truth, strict=True)])
-        deviations.append([spread / true for (_, spread), true in zip(row, truth, strict=True)])
-        names = {refusal.name for refusal in refusals(identified, best_4dof.JUDGED_BY_CURVE)}
-        for name in counts:
-            counts[name] += name in names
-        if progress is not None:
-            progress((starts + seed + 1) / total)
-    shares = {name: count / max(everyday, 1) for name, count in counts.items()}
-    return Study(np.array(by_filter), np.array(by_peer), np.array(errors), np.array(deviations), shares)
+    start = wrong_start(seed)
+    return _largest(rinse(best.identifier(start, FREE), [drive]).values), _largest(output_error(drive, start))
+
+
+def of_everyday(seed: int) -> tuple[list[float], list[float], set[str]]:
+    """By axle the error of D C_α in standard deviations and these over the value, and what was refused, in a drive."""
+    identified, start = everyday_drive(seed)
+    row = [cornering_stiffness(identified, axle, start) for axle in AXLES]
+    truth = [cornering_stiffness(_of(TRUTH, identified), axle, PAPER)[0] for axle in AXLES]
+    errors = [(value - true) / spread for (value, spread), true in zip(row, truth, strict=True)]
+    deviations = [spread / true for (_, spread), true in zip(row, truth, strict=True)]
+    return errors, deviations, {refusal.name for refusal in refusals(identified, best_4dof.JUDGED_BY_CURVE)}
 
 
 def everyday_drive(seed: int) -> tuple[Information, dict[str, float]]:

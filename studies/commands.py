@@ -229,7 +229,8 @@ def best(out: Path, study: bool) -> None:
 
     Takes some two minutes. Prints table 1 beside what was found, writes it as JSON and the figures as PNG beside it.
     With --study, half an hour: how often the identification ends in a wrong minimum, beside plain least squares, and
-    how often 90 % intervals hold: of everyday drives, and of a hundred twins at their limits.
+    how often 90 % intervals hold: of everyday drives, and of a hundred twins at their limits. What was stopped goes on
+    where it was.
 
     \b
     Examples:
@@ -241,10 +242,11 @@ def best(out: Path, study: bool) -> None:
     from vsense_ros.evaluate.terminal import console, progress, say
 
     if study:
+        store = out.with_name("best_twins")
         with progress("identifying from many starts and drives") as done:
-            outcome = best_study.study(progress=done)
+            outcome = best_study.study(store, progress=done)
         with progress("identifying twins") as done:
-            intervals = best_intervals.intervals(progress=done)
+            intervals = best_intervals.intervals(store, progress=done)
         best_study.write(best_study.content(outcome) | {"limits": best_intervals.content(intervals)}, out)
         best_study.show(outcome, console())
         best_intervals.show(intervals, console())

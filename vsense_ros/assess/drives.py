@@ -51,10 +51,10 @@ LEVEL = 1e-3
 # Share by which the tyres may be stiffer or softer. The filters of the thesis take them for known; 15 % is what
 # `car_numbers` says of a car from its file, and costs `integrated` most where side slip is small.
 TYRES_KNOWN = 0.02
-# Errors that the plant does not have, as filters assume here: the gyro of appendix B has no error of scale [-], the
-# links do not yield [rad], and the road does not shake the body [m/s²/√Hz].
-SCALE_KNOWN = 1e-5
-SLIP_KNOWN, SHAKING_KNOWN = 5e-5, 1e-4
+# Errors that the plant does not have, as filters assume here: the gyro of appendix B has no error of scale [-], and the
+# road does not shake the body [m/s²/√Hz].
+SCALE_KNOWN, SHAKING_KNOWN = 1e-5, 1e-4
+SLIP_KNOWN = 3e-4  # [rad] by which the curve of a brush is off that of the plant's tyres where they slide
 STEERING_KNOWN = 1e-3  # [1/rad] of the road-wheel angle squared
 ANTENNA_KNOWN = 1e-3  # [m] by which the antenna sits elsewhere than at cog
 SETTLED = 20.0  # [s] after which estimates are scored: the thesis does not say which window it takes
