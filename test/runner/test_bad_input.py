@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import replace
+from itertools import islice
 
 import numpy as np
 import pytest
@@ -427,3 +428,27 @@ def _changes_next_to_nothing(
     assert rates < 0.01
     assert attitude < 0.005
     assert position < 0.3
+
+
+@pytest.mark.parametrize(
+    ("sensor", "stated", "said"),
+    [
+        (FIX, 1e6, "its measurements hardly count"),
+        (FIX, (1 / 111e3) ** 2, "is none that such a sensor has"),
+        (IMU, np.degrees(0.05) ** 2, "its measurements hardly count"),
+        (FIX, 0.0, ""),
+        (FIX, 1.0, ""),
+    ],
+)
+def test_a_noise_that_is_stated_in_another_unit_is_said_and_an_unknown_one_is_not(
+    sensor: str, stated: float, said: str, observer: Runner, lane_change: Recording
+) -> None:
+    def with_covariance(s: Sample) -> Sample:
+        return changed(s, **{f: stated * np.eye(3).ravel() for f in s.values if f.endswith("_covariance")})
+
+    for sample in islice(altered(messages(lane_change), lambda s: s.topic == sensor, with_covariance), 300):
+        observer.add(sample)
+    name = next(name for name, one in observer.sensors.items() if one.topic == sensor)
+    (line,) = (one.message for one in observer.diagnostics() if one.name == name)
+    assert said in line
+    assert ("standard deviation" in line) == bool(said)

@@ -6,6 +6,9 @@ from collections import deque
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 
+import numpy as np
+from numpy.typing import NDArray
+
 from vsense_ros.estimation.source import Source
 from vsense_ros.messages.diagnostic import Diagnostic, Level
 
@@ -48,6 +51,7 @@ class Health:
     same_in_a_row: int = 0  # messages with equal content
     last_content: bytes = b""
     noise: str | None = None  # standard deviations that count, and whose they are
+    variance: NDArray[np.float64] | None = None  # that the newest measurement states
     noisier: Mapping[int, tuple[float, float]] = field(default_factory=dict)  # components, as of `SensorNoise`
     complete_at: int = 0  # stamp of the newest measurement that had all components [ns]
     component_at: dict[int, int] = field(default_factory=dict)  # of each of others [ns], 0: it never came
@@ -76,8 +80,12 @@ class Health:
 
     def absent(self, sensor: Source) -> list[int]:
         """Components that have come, and do not come any more while others do."""
+        return [i for i in self.lacking(sensor) if self.component_at[i]]
+
+    def lacking(self, sensor: Source) -> list[int]:
+        """Components that do not come, though others do."""
         longest = self.last_stamp - self.longest_silence(sensor) * 1e9
-        return [i for i, at in self.component_at.items() if at and max(at, self.complete_at) < longest]
+        return [i for i, at in self.component_at.items() if max(at, self.complete_at) < longest]
 
     def longest_silence(self, sensor: Source) -> float:
         """Silence after which the sensor counts as lost [s]: ten periods, its `timeout` at most."""

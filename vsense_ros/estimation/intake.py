@@ -123,6 +123,7 @@ class Intake(Generic[Sensor]):
             health.complete_at = event.stamp
         else:
             health.lacks(event.value.tolist(), event.stamp)
+        health.variance = event.variance
         if health.noise is None:
             health.noise = self._readers[index].noise(event.variance)
         kept = event if health.period * 1e9 >= self._merge else self._averaged(index, event)
@@ -244,6 +245,11 @@ class Intake(Generic[Sensor]):
         health = self.health[index]
         silence = self.newest_arrival - health.last_received
         return health.last_stamp > 0 and silence < self.sensors[index].timeout * 1e9
+
+    def doubt(self, index: int) -> str:
+        """What is doubtful about the noise that the newest messages of a sensor state, in words; empty for nothing."""
+        variance = self.health[index].variance
+        return "" if variance is None else self._readers[index].stated(variance).doubt
 
     def forget_clocks(self) -> None:
         """Wait for clocks to agree anew."""

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
-from functools import lru_cache, partial
+from functools import lru_cache
 from typing import NamedTuple
 
 import numpy as np
@@ -83,7 +83,30 @@ class Reader:
         self._latency = int(sensor.latency * 1e9)
         # Most messages state the same variance as others before them.
         self._least = self._usual * sensor.least_stated**2
-        self._believed = lru_cache(maxsize=64)(partial(_believed, least=self._least, usual=self._usual))
+        self._believed = lru_cache(maxsize=64)(self._checked)
+        self.too_sure = ""  # which standard deviation the messages state that no such sensor has, in words
+
+    def _checked(self, stated: bytes) -> tuple[Array, NDArray[np.bool_] | None]:
+        """Variances as they are used, not to be changed, and of which components a number was stated, None for all."""
+        variance, usual = np.frombuffer(stated), self._usual
+        less = (variance < self._least) & (variance > 0) & (variance < NOISE.smaller**2 * usual)
+        if less.any():
+            self.too_sure = (
+                f"standard deviation {self._sensor.noise_in_words(np.sqrt(np.where(less, variance, usual)))}, of its "
+                "messages, is none that such a sensor has: that of the vehicle file counts"
+            )
+        variance = np.where(variance < self._least, usual, variance)
+        with np.errstate(invalid="ignore"):
+            is_number = variance < _LARGEST_VALUE**2
+        if is_number.all():
+            return variance, None
+        return np.where(is_number, variance, 1.0), is_number
+
+    def stated(self, variance: Array) -> StatedNoise:
+        """The noise that counts with a measurement that has these variances (m,)."""
+        known = self._usual > 0
+        ratio = float(np.max(np.sqrt(variance[known] / self._usual[known]), initial=0.0))
+        return StatedNoise(self.noise(variance), ratio, self.too_sure)
 
     def noise(self, variance: Array) -> str:
         """In words, the standard deviations that count with a measurement that has these variances (m,), and whose
@@ -153,6 +176,7 @@ class Reader:
             return None
         if self._offsets is not None:
             value -= self._offsets
+        self._believed(variance[0].tobytes())  # which notes what cannot be true
         variance = np.where(variance < self._least, self._usual, variance)
         with np.errstate(invalid="ignore"):
             is_number = variance < _LARGEST_VALUE**2
@@ -201,6 +225,7 @@ class NoiseSettings:
     """When a standard deviation that messages state is taken for one in another unit: a decision of this project."""
 
     larger: float = 30.0  # [-] times that of the vehicle file; km/h is 3.6 times m/s, centimetres 100 times metres
+    smaller: float = 1e-3  # [-] times that of the vehicle file; degrees of latitude are 10⁻⁵ times metres
 
 
 NOISE = NoiseSettings()
@@ -209,16 +234,17 @@ NOISE = NoiseSettings()
 @dataclass(frozen=True)
 class StatedNoise:
     """Which standard deviations count with the messages of a sensor, in words, and the largest of them over that of the
-    vehicle file."""
+    vehicle file; `too_sure` says that what messages state is less than any such sensor has, and does not count."""
 
     words: str
     ratio: float
+    too_sure: str = ""
 
     @property
     def doubt(self) -> str:
         """What is doubtful about them, in words; empty for nothing."""
         if self.ratio <= NOISE.larger:
-            return ""
+            return self.too_sure
         return (
             f"standard deviation {self.words}: {self.ratio:.0f} times that of the vehicle file, so that its "
             "measurements hardly count; if its messages state another unit or a variance, correct the driver, or set "
@@ -235,20 +261,6 @@ def noise_at_start(recording: Recording, sensors: Mapping[str, Source]) -> dict[
         reader = Reader(index, sensor, Map(recording.map_origin))
         events = (reader.read(sample) for sample in recording[sensor.topic].in_order())
         first = next((event for event in events if isinstance(event, Event)), None)
-        if first is not None and (words := reader.noise(first.variance)):
-            usual = sensor.deviations()
-            known = usual > 0
-            ratio = float(np.max(np.sqrt(first.variance[known]) / usual[known], initial=0.0))
-            noisy[name] = StatedNoise(words, ratio)
+        if first is not None and (stated := reader.stated(first.variance)).words:
+            noisy[name] = stated
     return noisy
-
-
-def _believed(stated: bytes, least: Array, usual: Array) -> tuple[Array, NDArray[np.bool_] | None]:
-    """Variances as they are used, not to be changed, and of which components a number was stated, None for all."""
-    variance = np.frombuffer(stated)
-    variance = np.where(variance < least, usual, variance)
-    with np.errstate(invalid="ignore"):
-        is_number = variance < _LARGEST_VALUE**2
-    if is_number.all():
-        return variance, None
-    return np.where(is_number, variance, 1.0), is_number

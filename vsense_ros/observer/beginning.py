@@ -36,11 +36,13 @@ UNSURE = 2_000_000_000  # [ns] from the start on in which speeds are held agains
 
 @dataclass(frozen=True)
 class Start:
-    """The first time [ns], the speed there [m/s], and the newest measurement of each kind of sensor."""
+    """The first time [ns], the speed there [m/s], the newest measurement of each kind of sensor, and by how much their
+    speeds contradict each other [m/s]."""
 
     stamp: int
     speed: float
     events: dict[str, Event]
+    apart: float = 0.0
 
 
 class Beginning:
@@ -79,9 +81,11 @@ class Beginning:
         missing = (sensor for sensor in self._intake.sensors if sensor.kind not in kinds)
         if not speeds or any(sensor.awaited and waited < sensor.awaited for sensor in missing):
             return None
-        if np.ptp(np.abs(speeds)) > SETTINGS.disagreement and waited < LONGEST_GAP:
+        apart = float(np.ptp(np.abs(speeds)))
+        if apart > SETTINGS.disagreement and waited < LONGEST_GAP:
             return None
-        return Start(stamp, speeds[0], kinds)
+        agree = apart <= max(SETTINGS.apart_at_least, SETTINGS.apart * max(map(abs, speeds)))
+        return Start(stamp, speeds[0], kinds, 0.0 if agree else apart)
 
     def doubts(self, event: Event) -> bool:
         """True if a measurement gives another speed than most sensors do; it is then refused."""

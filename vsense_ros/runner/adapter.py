@@ -117,6 +117,22 @@ class Adapter(ABC):
         return 0.0
 
     @property
+    def lateral_speed(self) -> float:
+        """Speed of the car's centre of gravity, to the left [m/s]; 0 where it is not estimated."""
+        return 0.0
+
+    @property
+    def first_speeds_apart(self) -> float:
+        """By how much the speeds contradicted each other from which the filter has started [m/s]."""
+        return 0.0
+
+    @property
+    def velocity_deviations(self) -> tuple[float, float]:
+        """Standard deviations of a velocity over ground in the axes of the car, along and across: of the speeds, and of
+        the heading that turns them [m/s]; 0 where they are not estimated."""
+        return 0.0, 0.0
+
+    @property
     def heading(self) -> float:
         """Direction of the car on the map [rad]; 0 where it is not known."""
         return 0.0

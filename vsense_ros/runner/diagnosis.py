@@ -100,14 +100,17 @@ def _sensor_line(runner: Diagnosed, index: int, line: Diagnostic) -> Diagnostic:
         return Diagnostic(line.name, max(Level.WARN, line.level), f"not believed: {', '.join(parts)}", line.values)
     if line.level != Level.OK:
         return line
-    absent = _absent(runner, index) if axes is None else axes.absent
+    absent = axes.absent if axes is not None and axes.sums.begun else _absent(runner, index, begun=axes is None)
     doubts = [f"without {', '.join(absent)}"] if absent else []
     doubts += noisier_in_words(runner.intake.sensors[index].components, runner.intake.health[index].noisier)
-    doubts += [doubt for doubt in (runner.adapter.doubt(line.name), *(j.doubt(index) for j in runner.judges)) if doubt]
+    said = runner.intake.doubt(index), runner.adapter.doubt(line.name), *(j.doubt(index) for j in runner.judges)
+    doubts += [doubt for doubt in said if doubt]
     return Diagnostic(line.name, Level.WARN, ", ".join(["in use", *doubts]), line.values) if doubts else line
 
 
-def _absent(runner: Diagnosed, index: int) -> list[str]:
-    """Names of the components of a sensor that do not come any more."""
+def _absent(runner: Diagnosed, index: int, *, begun: bool) -> list[str]:
+    """Names of the components of a sensor that do not come any more; while the filter has not begun to use it, of those
+    that do not come."""
     sensor, health = runner.intake.sensors[index], runner.intake.health[index]
-    return [sensor.components[one].words for one in health.absent(sensor)] if sensor.components else []
+    absent = health.absent(sensor) if begun else health.lacking(sensor)
+    return [sensor.components[one].words for one in absent] if sensor.components else []

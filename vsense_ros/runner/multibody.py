@@ -38,6 +38,7 @@ from vsense_ros.runner.adapter import Adapter, Apart, Move, Placing, Report, Wid
 from vsense_ros.runner.guard import GUARD, Vitals
 from vsense_ros.runner.inertial_axes import InertialAxes, Judged
 from vsense_ros.runner.lag_doubt import DOUBT
+from vsense_ros.runner.velocity_witnesses import SETTINGS as DOUBTED
 
 Array = NDArray[np.float64]
 
@@ -124,6 +125,19 @@ class CarAdapter(Adapter):
         return self.car.mean.item(FORWARD)
 
     @property
+    def lateral_speed(self) -> float:
+        return self.car.mean.item(LATERAL)
+
+    @property
+    def first_speeds_apart(self) -> float:
+        return self._start.apart if self._start is not None else 0.0
+
+    @property
+    def velocity_deviations(self) -> tuple[float, float]:
+        along, across, turned = self.car.covariance.diagonal()[[FORWARD, LATERAL, YAW]].tolist()
+        return sqrt(max(along, 0.0)), sqrt(max(across + self.forward_speed**2 * turned, 0.0))
+
+    @property
     def heading(self) -> float:
         return self.car.mean.item(YAW)
 
@@ -173,6 +187,10 @@ class CarAdapter(Adapter):
         if self.monitor is not None:
             self.monitor.forget()
         filter.linearize()
+        if start.apart:
+            across = DOUBTED.sideways * min(start.apart, DOUBTED.doubted)
+            for one in self.doubted_motion(Apart(start.apart, across), 0.0):
+                self.widen(one)
         self.alignment.start(start.events)
 
     def stop(self, valid: bool) -> None:
@@ -232,7 +250,7 @@ class CarAdapter(Adapter):
 
     def doubted_motion(self, apart: Apart, way: float) -> list[Widening]:
         spin = apart.ahead / self.vehicle.physics.rear.unloaded_radius
-        elements = [(FORWARD, apart.ahead), (LATERAL, apart.across), (X, way), (Y, way)]
+        elements = [(FORWARD, apart.ahead), (LATERAL, apart.across), (X, way), (Y, way), (YAW, apart.heading)]
         elements += [(U.start + place, spin) for place in _SPINS]
         return [Widening(element, deviation**2) for element, deviation in elements]
 

@@ -62,17 +62,18 @@ class Recount:
         return self._scores(None)
 
     def ballots(self, confirmed: Collection[tuple[int, int]]) -> list[Ballot]:
-        """The votes of the others without each axis that may be wrong: none that is out or that a direct witness has
-        confirmed, by sensor and axis."""
+        """The votes of the others without each axis that may be wrong, none that is out or that a direct witness has
+        confirmed, by sensor and axis; and without all of these of a sensor."""
         ballots: list[Ballot] = []
         for axes in self._axes.values():
             within = [a for a in axes.present if a not in axes.out and (axes.index, a) not in confirmed]
             if not within:
                 continue
             loud = axes.sums.far()[SHORT, : len(axes.words)].max() > VOTE.own
-            if not loud and self.without(axes, within).gain < VOTE.worth_a_vote:
+            together = self.without(axes, within)
+            if not loud and together.gain < VOTE.worth_a_vote:
                 continue
-            ballots += [self.without(axes, [a]) for a in within]
+            ballots += [self.without(axes, [a]) for a in within] + [together] * (len(within) > 1)
         return ballots
 
     def without(self, axes: Axes, left: list[int]) -> Ballot:
@@ -111,6 +112,30 @@ class Recount:
         )
         _, squares, count = everybody[best.axes.index][:, best.left].sum(axis=1).tolist()
         return gain > best.gain + max(squares - count, 0.0)
+
+    def wrong_sensor(self, best: Ballot, candidates: Collection[int]) -> int | None:
+        """The one of some whole sensors without which all others agree, the axis that seems wrong among them, and are
+        predicted better than without that axis; None if there is none."""
+        everybody, alone = self.everybody, self._scores((best.axes.index, best.left))
+        if everybody is None or alone is None:
+            return None
+        found, most = None, VOTE.gain_with_own
+        for index in candidates:
+            without = self._scores((index, list(range(everybody[index].shape[1])))) if index in everybody else None
+            if without is None:
+                continue
+            gain = more = disagreement = 0.0
+            for i, score in without.items():
+                if i == index or i in self._without_vote:
+                    continue
+                _, squares, count = score.sum(axis=1).tolist()
+                disagreement = max(disagreement, squares / max(count, 1.0))
+                common = [c for c in range(score.shape[1]) if i != best.axes.index or c not in best.left]
+                gain += float((everybody[i] - score)[0].sum())
+                more += float((alone[i] - score)[0, common].sum())
+            if gain > most and more > 0.0 and disagreement < VOTE.disagree:
+                found, most = index, gain
+        return found
 
     def _scores(self, without: tuple[int, list[int]] | None, free: int | None = None) -> Scores | None:
         """The scores as if some axes of one sensor had not been there; or as if the steering had not been, whose error

@@ -33,6 +33,7 @@ from vsense_ros.runner.fit_judge import FitJudge
 from vsense_ros.runner.force_judge import ForceJudge
 from vsense_ros.runner.guard import Guard
 from vsense_ros.runner.judge import Judges, moving_event
+from vsense_ros.runner.jury_judge import JuryJudge
 from vsense_ros.runner.latency_judge import LatencyJudge
 from vsense_ros.runner.leap_judge import LeapJudge
 from vsense_ros.runner.linkage_judge import LinkageJudge
@@ -42,8 +43,10 @@ from vsense_ros.runner.receiver_judge import ReceiverJudge
 from vsense_ros.runner.resets import Resets
 from vsense_ros.runner.steering_judge import SteeringJudge
 from vsense_ros.runner.travel_judge import TravelJudge
+from vsense_ros.runner.velocity_judge import VelocityJudge
 from vsense_ros.runner.vote import Vote
 from vsense_ros.runner.vote_settings import VOTE
+from vsense_ros.runner.wheel_judge import WheelJudge
 
 Array = NDArray[np.float64]
 
@@ -88,6 +91,8 @@ class Runner:
         self._leap = LeapJudge(adapter, self.intake)
         judges = (
             self.latency,
+            JuryJudge(adapter, self.intake, self.vote, channels, len(channels)),
+            WheelJudge(adapter),
             self._leap,
             FitJudge(adapter, self._all_believed, self.latency, len(channels)),
             LinkageJudge(adapter, len(channels)),
@@ -97,6 +102,7 @@ class Runner:
             direction,
             SteeringJudge(adapter, self.vote, len(channels), self._complain),
             TravelJudge(adapter, self.intake, self.vote, direction, len(channels)),
+            VelocityJudge(adapter),
         )
         self.judges = Judges(tuple(self.sensors.values()), judges)
         self._timeline = Timeline(
@@ -393,6 +399,7 @@ class Runner:
         return any(
             not sensor.is_input and i not in self.vote.axes and not self.health[i].contradicts and self.intake.sends(i)
             for i, sensor in enumerate(self.intake.sensors)
+            if not any(i in judge.out for judge in self.judges)
         )
 
     def _all_believed(self) -> bool:

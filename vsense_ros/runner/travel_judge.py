@@ -56,7 +56,12 @@ class TravelJudge(Judge):
     def _apart_by(self) -> Apart:
         """How far the estimated velocity may be from the actual one, where one of them is wrong."""
         ahead = min(self.witnesses.apart_by, SETTINGS.doubted)
-        return Apart(ahead, SETTINGS.sideways * ahead)
+        return Apart(ahead, SETTINGS.sideways * ahead, place=self._gone_astray())
+
+    def _gone_astray(self) -> float:
+        """How far a position that is wrong may have drawn the place since it began to contradict [m]."""
+        since = (self._intake.newest_arrival - self.witnesses.since) * 1e-9
+        return self.witnesses.apart_by * min(since + SETTINGS.windows[1], SETTINGS.windows[-1])
 
     def forget(self, stamp: int) -> None:
         self.witnesses.forget()
@@ -120,7 +125,9 @@ class TravelJudge(Judge):
         for event in ahead:
             if event.sensor == index:
                 event.without(list(range(len(event.value))))
-        if ahead and index != witnesses.position:
+        if ahead:
             apart = self._apart_by()
-            widened = self._adapter.doubted_motion(apart, apart.ahead * SETTINGS.windows[0])
+            way = self._gone_astray() if index == witnesses.position else apart.ahead * SETTINGS.windows[0]
+            apart = Apart() if index == witnesses.position else apart
+            widened = self._adapter.doubted_motion(apart, way)
             ahead[:0] = [widening_event(self._shift, ahead[0].stamp, one) for one in widened]

@@ -93,6 +93,9 @@ class Vote:
         self.confirmed: dict[tuple[int, int], int] = {}
         self.spared: frozenset[tuple[int, int]] = frozenset()  # axes that contradict a model known to be wrong
         self.wait = False  # True while something else may be wrong, and no axis is left out
+        self.jury: Callable[[], list[int]] = list  # places of whole sensors that may be what is wrong
+        self.accused: int | None = None  # the one of them that a vote has found to be
+        self.doubted = False  # True once several axes were wrong at once, which has drawn the filter anywhere
 
     def forget(self, stamp: int) -> None:
         """The filter begins anew, at a time [ns]; what is out stays out."""
@@ -329,7 +332,7 @@ class Vote:
             axes.out[axis].stood = axes.out[axis].value = value
             self._undo(timeline, now - VOTE.look_back, axes, axis, value)
         since = now - VOTE.redone_after_jump
-        if self._jumped and not self._frozen and self._jump_of_steering(timeline, since):
+        if self._jumped and not self._frozen and self._jump_of_another(timeline, since):
             return
         for axes, axis in self._jumped:
             self._take_out(axes, axis, since, "jumped away from all others", now)
@@ -349,22 +352,28 @@ class Vote:
         ballots = recount.ballots(self.confirmed)
         if not ballots:
             return
-        best = max(ballots, key=lambda one: one.gain)
+        best = max((one for one in ballots if len(one.left) == 1), key=lambda one: one.gain)
         enough, suspect = VOTE.gain, VOTE.suspect
-        if best.axes.sums.far()[SHORT, best.left[0]] > VOTE.own:
+        if best.disagreement > VOTE.disagree:  # no single axis is what is wrong, but several at once may be
+            together = [one for one in ballots if one.gain > enough and one.disagreement <= VOTE.disagree]
+            ballots = together or ballots
+            best = max(together, key=lambda one: one.gain, default=best)
+        elif best.axes.sums.far()[SHORT, best.left[0]] > VOTE.own:
             enough = suspect = VOTE.gain_with_own
         if best.gain < suspect or best.disagreement > VOTE.disagree:
             return
         self._pause = VOTE.first_pause
-        if best.gain < enough or self._split(best) or recount.steering_explains(best):
+        if best.gain < enough or self._split(best) or self._is_another(recount, best):
             return
         self._alarm = None
         # Who is nearly as suspect as the worst may be the one: to do without both costs little, to believe one much.
         for one in ballots:
             near = one.gain > max(suspect, VOTE.nearly * best.gain) and one.disagreement <= VOTE.disagree
-            if near and not self._split(one):
-                self._take_out(one.axes, one.left[0], since, "contradicts the others", now)
-                self._undo(timeline, since, one.axes, one.left[0])
+            if near and len(one.left) == len(best.left) and not self._split(one):
+                self.doubted |= len(one.left) > 1
+                for axis in one.left:
+                    self._take_out(one.axes, axis, since, "contradicts the others", now)
+                    self._undo(timeline, since, one.axes, axis)
         self._loud.clear()
         for others in self.axes.values():
             others.sums.clear()
@@ -372,7 +381,7 @@ class Vote:
     def _split(self, ballot: Ballot) -> bool:
         """True if the others do not agree that an axis is wrong: some are predicted much worse without it, or only the
         model says so, which is known to be wrong."""
-        spared = (ballot.axes.index, ballot.left[0]) in self.spared
+        spared = any((ballot.axes.index, axis) in self.spared for axis in ballot.left)
         return ballot.against > VOTE.suspect or (spared and ballot.by_place < VOTE.gain)
 
     def _undo(self, timeline: Timeline, since: int, axes: Axes, axis: int, value: float | None = None) -> None:
@@ -399,15 +408,22 @@ class Vote:
                     event.without(list(judged.out))
         self.forget(self._begun)
 
-    def _jump_of_steering(self, timeline: Timeline, since: int) -> bool:
-        """True if axes seem to have jumped because the steering angle has."""
-        if self._adapter.steering_error is None:
+    def _jump_of_another(self, timeline: Timeline, since: int) -> bool:
+        """True if axes seem to have jumped because the steering angle or a whole sensor has."""
+        if self._adapter.steering_error is None and not self.jury():
             return False
         recount = self._recount(timeline, since)
         if recount.everybody is None:
             return False
         axes, axis = self._jumped[0]
-        return recount.steering_explains(recount.without(axes, [axis]))
+        return self._is_another(recount, recount.without(axes, [axis]))
+
+    def _is_another(self, recount: Recount, best: Ballot) -> bool:
+        """True if steering or a whole sensor explain better than an axis what contradicts; the sensor is accused."""
+        if recount.steering_explains(best):
+            return True
+        self.accused = recount.wrong_sensor(best, self.jury())
+        return self.accused is not None
 
     def _recount(self, timeline: Timeline, since: int) -> Recount:
         return Recount(timeline, since, self._adapter, self.axes, self._no_vote, self._by_hand)

@@ -1,0 +1,58 @@
+"""Whole sensors that are wrong, while an axis of an inertial sensor seems to be."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from drives import IMU, WHEELS, feed, messages, seconds
+from vsense_ros.evaluate import faults
+from vsense_ros.evaluate.faults import ACCELEROMETER, GYRO, Change, Fault
+from vsense_ros.messages.recording import Recording
+from vsense_ros.model.vehicle import Vehicle
+from vsense_ros.runner import Runner
+
+
+def lines(runner: Runner) -> dict[str, str]:
+    """What is said of each sensor."""
+    return {line.name: line.message for line in runner.diagnostics()}
+
+
+def broken(recording: Recording, topic: str, begin: float, end: float, *changes: Change) -> Recording:
+    """The drive with changes of a topic from one time to another [s]."""
+    for change in changes:
+        recording = Fault("", (topic,), change, begin, end).of(recording)
+    return recording
+
+
+def lateral_error(runner: Runner, truth: Recording) -> float:
+    """Error of the lateral velocity now [m/s]."""
+    reference = truth["reference/odometry"]
+    there = np.interp(runner.stamp, reference.stamp, reference.columns["linear"][:, 1])
+    return float(abs(runner.snapshot().velocity[1] - there))
+
+
+def test_four_wheels_that_stand_still_in_a_bend_are_left_out_and_no_gyro_and_are_believed_again(
+    vehicle: Vehicle, lane_change: Recording
+) -> None:
+    stuck = faults.held("velocity", (0, 1, 2, 3), 0.05)
+    drive = broken(lane_change, WHEELS, 3.5, 5.0, stuck)
+    stream = messages(drive, 7.5)
+    runner = Runner(vehicle, drive.map_origin)
+    feed(runner, (s for s in stream if seconds(drive, s) < 4.9))
+    assert lines(runner)["wheel_speeds"].startswith("not believed")
+    assert not list(runner.vote.out)
+    assert lateral_error(runner, drive) < 0.2
+    feed(runner, (s for s in stream if seconds(drive, s) >= 4.9))
+    assert lines(runner)["wheel_speeds"] == "in use"
+    assert lateral_error(runner, drive) < 0.2
+
+
+def test_an_inertial_sensor_of_which_all_axes_are_wrong_is_left_out_as_a_whole(
+    vehicle: Vehicle, lane_change: Recording
+) -> None:
+    axes = (0, 1, 2)
+    drive = broken(lane_change, IMU, 0.0, np.inf, faults.added(GYRO, axes, 0.5), faults.added(ACCELEROMETER, axes, 5.0))
+    runner = feed(Runner(vehicle, drive.map_origin), messages(drive, 4.5))
+    assert len(list(runner.vote.out)) == 6
+    assert lateral_error(runner, drive) < 0.3
+    assert "wheel_speeds" not in lines(runner)["observer"]
