@@ -45,6 +45,21 @@ class JuryJudge(Judge):
         if self.judged:
             vote.jury = self._accusable
 
+    @property
+    def _waits(self) -> bool:
+        """True while there is an alarm, and it is too early for a vote."""
+        vote, now = self._vote, self._intake.newest_arrival
+        recent = vote.alarm is not None and 0 <= now - vote.heard < VOTE.last_pause
+        return recent and 0 <= now - vote.begun < VOTE.settled + VOTE.first_pause
+
+    @property
+    def apart(self) -> Apart | None:
+        return Apart(across=VOTE.unsettled) if self._waits else None
+
+    @property
+    def doubts(self) -> list[str]:
+        return ["sensors contradict each other"] if self._waits else []
+
     def _accusable(self) -> list[int]:
         """Places of sensors that may be found to be wrong: two others that measure the motion are there then."""
         there = [i for i in self.hears if self._intake.sends(i) and i not in self.out]

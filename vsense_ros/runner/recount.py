@@ -37,6 +37,12 @@ class Ballot(NamedTuple):
     against: float = 0.0
     by_place: float = 0.0
 
+    def is_split(self, spared: Collection[tuple[int, int]]) -> bool:
+        """True if the others do not agree that the axes are wrong: some are predicted much worse without them, or only
+        the model says so, which is known to be wrong where axes are `spared`."""
+        only_model = any((self.axes.index, axis) in spared for axis in self.left) and self.by_place < VOTE.gain
+        return self.against > VOTE.suspect or only_model
+
 
 class Recount:
     """The votes of all sensors by what they have measured since a time [ns]; those in `without_vote` have none.

@@ -82,9 +82,9 @@ class Vote:
         self.returned: list[tuple[int, int, float]] = []  # sensor and axis, and how far its bias may have jumped
         self._frozen: list[tuple[Axes, int, float]] = []  # and at which value
         self._jumped: list[tuple[Axes, int]] = []
-        self._alarm: int | None = None  # since when something is wrong [ns]
-        self._voted, self._heard, self._pause = 0, 0, VOTE.first_pause
-        self._begun = 0
+        self.alarm: int | None = None  # since when something is wrong [ns]
+        self._voted, self._pause = 0, VOTE.first_pause
+        self.begun = self.heard = 0  # when the filter began, and the alarm was raised or kept up last [ns]
         self._loud: dict[
             int, tuple[float, float]
         ] = {}  # of other sensors: mean normalized innovation squared, and when
@@ -99,8 +99,8 @@ class Vote:
 
     def forget(self, stamp: int) -> None:
         """The filter begins anew, at a time [ns]; what is out stays out."""
-        self._begun = stamp
-        self._alarm, self._voted, self._pause = None, 0, VOTE.first_pause
+        self.begun = stamp
+        self.alarm, self._voted, self._pause = None, 0, VOTE.first_pause
         self._loud.clear()
         self._no_vote.clear()
         self._frozen.clear()
@@ -184,7 +184,7 @@ class Vote:
         for index, axis in self.confirmed:
             if index == axes.index:
                 quick[:, axis] = 0.0
-        if quick.max() > VOTE.jump and stamp - self._begun >= VOTE.settled and self._others_there():
+        if quick.max() > VOTE.jump and stamp - self.begun >= VOTE.settled and self._others_there():
             self._jumped.append((axes, int(quick.max(axis=0).argmax())))
         for window, sums in zip(WINDOWS[2:].tolist(), far[2:], strict=True):
             if np.any(sums > axes.sums.alarm):
@@ -217,9 +217,9 @@ class Vote:
 
     def _sound(self, now: int, since: int) -> None:
         """Raise the alarm, or keep it up."""
-        if self._alarm is None or now - self._heard > VOTE.last_pause:
-            self._alarm, self._pause = since - VOTE.before, VOTE.first_pause
-        self._heard = now
+        if self.alarm is None or now - self.heard > VOTE.last_pause:
+            self.alarm, self._pause = since - VOTE.before, VOTE.first_pause
+        self.heard = now
 
     def _look_for_frozen(self, axes: Axes) -> None:
         """Note the axes that have repeated their value too often."""
@@ -307,10 +307,10 @@ class Vote:
         if self._frozen or self._jumped:
             return True
         return (
-            self._alarm is not None
-            and self._heard > self._voted
+            self.alarm is not None
+            and self.heard > self._voted
             and now - self._voted >= self._pause
-            and now - self._begun >= VOTE.settled
+            and now - self.begun >= VOTE.settled
             and self._others_there()
         )
 
@@ -342,7 +342,7 @@ class Vote:
         """Filter again what was measured since the alarm, with and without each axis, and leave out those that are
         wrong."""
         now = timeline.stamp
-        since = max(self._alarm or 0, now - VOTE.look_back)
+        since = max(self.alarm or 0, now - VOTE.look_back)
         if now - since > VOTE.urgent:
             self._pause = min(2 * self._pause, VOTE.last_pause)
         self._voted = now
@@ -363,13 +363,13 @@ class Vote:
         if best.gain < suspect or best.disagreement > VOTE.disagree:
             return
         self._pause = VOTE.first_pause
-        if best.gain < enough or self._split(best) or self._is_another(recount, best):
+        if best.gain < enough or best.is_split(self.spared) or self._is_another(recount, best):
             return
-        self._alarm = None
+        self.alarm = None
         # Who is nearly as suspect as the worst may be the one: to do without both costs little, to believe one much.
         for one in ballots:
             near = one.gain > max(suspect, VOTE.nearly * best.gain) and one.disagreement <= VOTE.disagree
-            if near and len(one.left) == len(best.left) and not self._split(one):
+            if near and len(one.left) == len(best.left) and not one.is_split(self.spared):
                 self.doubted |= len(one.left) > 1
                 for axis in one.left:
                     self._take_out(one.axes, axis, since, "contradicts the others", now)
@@ -377,12 +377,6 @@ class Vote:
         self._loud.clear()
         for others in self.axes.values():
             others.sums.clear()
-
-    def _split(self, ballot: Ballot) -> bool:
-        """True if the others do not agree that an axis is wrong: some are predicted much worse without it, or only the
-        model says so, which is known to be wrong."""
-        spared = any((ballot.axes.index, axis) in self.spared for axis in ballot.left)
-        return ballot.against > VOTE.suspect or (spared and ballot.by_place < VOTE.gain)
 
     def _undo(self, timeline: Timeline, since: int, axes: Axes, axis: int, value: float | None = None) -> None:
         """Go on from a time as if an axis had not said anything, or not this value."""
@@ -406,7 +400,7 @@ class Vote:
                 event.value, event.whole = event.whole, None
                 if judged.out:
                     event.without(list(judged.out))
-        self.forget(self._begun)
+        self.forget(self.begun)
 
     def _jump_of_another(self, timeline: Timeline, since: int) -> bool:
         """True if axes seem to have jumped because the steering angle or a whole sensor has."""

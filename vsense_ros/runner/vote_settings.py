@@ -31,6 +31,7 @@ class VoteSettings:
     calm: float = 3.0  # [-] mean normalized innovation squared per component of a sensor that agrees
     loud: float = 6.0  # [-] the same, within a second, that is an alarm
     settled: int = 2_000_000_000  # [ns] from the start without a vote: what nobody knows yet is not one axis's fault
+    unsettled: float = 0.15  # [m/s] of lateral velocity that is not known while there is an alarm then
 
     # A vote.
     first_pause: int = 100_000_000  # [ns] from a vote that decided nothing to the next one; twice as long each time, up
