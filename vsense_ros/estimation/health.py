@@ -6,9 +6,6 @@ from collections import deque
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 
-import numpy as np
-from numpy.typing import NDArray
-
 from vsense_ros.estimation.source import Source
 from vsense_ros.messages.diagnostic import Diagnostic, Level
 
@@ -51,7 +48,6 @@ class Health:
     same_in_a_row: int = 0  # messages with equal content
     last_content: bytes = b""
     noise: str | None = None  # standard deviations that count, and whose they are
-    variance: NDArray[np.float64] | None = field(default=None, compare=False)  # that the newest measurement states
     noisier: Mapping[int, tuple[float, float]] = field(default_factory=dict)  # components, as of `SensorNoise`
     complete_at: int = 0  # stamp of the newest measurement that had all components [ns]
     component_at: dict[int, int] = field(default_factory=dict)  # of each of others [ns], 0: it never came

@@ -8,6 +8,7 @@ from math import isfinite
 from typing import Generic, TypeVar
 
 import numpy as np
+from numpy.typing import NDArray
 
 from vsense_ros.estimation.health import Health
 from vsense_ros.estimation.punctuality import Punctuality
@@ -54,6 +55,7 @@ class Intake(Generic[Sensor]):
         self.newest_arrival = 0  # [ns]
         self._readers = [Reader(i, sensor, on_map) for i, sensor in enumerate(self.sensors)]
         self._reach, self._moving, self._merge = int(reach * 1e9), moving, int(merge * 1e9)
+        self._stated: dict[int, NDArray[np.float64]] = {}  # variances of the newest measurements
         self._together: dict[int, list[Event]] = {}  # that are to be averaged
         self._held: list[tuple[Event, int]] = []  # readings before the start, with the stamps of their messages
         self._noise = {i: SensorNoise() for i, sensor in enumerate(self.sensors) if sensor.noisy}
@@ -123,7 +125,7 @@ class Intake(Generic[Sensor]):
             health.complete_at = event.stamp
         else:
             health.lacks(event.value.tolist(), event.stamp)
-        health.variance = event.variance
+        self._stated[index] = event.variance
         if health.noise is None:
             health.noise = self._readers[index].noise(event.variance)
         kept = event if health.period * 1e9 >= self._merge else self._averaged(index, event)
@@ -248,7 +250,7 @@ class Intake(Generic[Sensor]):
 
     def doubt(self, index: int) -> str:
         """What is doubtful about the noise that the newest messages of a sensor state, in words; empty for nothing."""
-        variance = self.health[index].variance
+        variance = self._stated.get(index)
         return "" if variance is None else self._readers[index].stated(variance).doubt
 
     def forget_clocks(self) -> None:
