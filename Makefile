@@ -158,11 +158,13 @@ VEHICLE ?=
 vehicle: venv ## what is tried on the nodes from outside, half an hour of soak among it, to out/vehicle.json
 	PYTHONPATH=test:test/node $(VENV)/bin/python -m vehicle $(VEHICLE)
 
-# FUZZ="--inputs 10000" takes a part of them.
+# FUZZ="--inputs 10000" takes a part of them. COVERAGE="--runs 1000000 --seconds 0" gives a million to every parser, in hours;
+# shorter runs go on from each other, as long as out/corpus stays.
 FUZZ ?=
+COVERAGE ?=
 fuzz: venv ## a million wrong inputs to everything that reads, then inputs chosen by coverage, to out/fuzz.json
 	PYTHONPATH=test:test/node $(VENV)/bin/python -m fuzz $(FUZZ)
-	PYTHONPATH=test:test/node $(VENV)/bin/python -m fuzz.coverage
+	PYTHONPATH=test:test/node $(VENV)/bin/python -m fuzz.coverage $(COVERAGE)
 
 release: venv ## wheel, source archive and Debian source package, each installed and tried, to out/release
 	$(VENV)/bin/pip install --quiet -r requirements/release.txt

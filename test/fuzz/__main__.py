@@ -76,7 +76,9 @@ def main() -> int:
     total = sum(result.get("inputs", 0) for result in found.values())
     print(f"{total} inputs, {sum(not r['holds'] for r in found.values())} of {len(found)} targets broke")
     given.output.parent.mkdir(parents=True, exist_ok=True)
-    given.output.write_text(json.dumps({"inputs": total, "targets": found}, indent=2) + "\n", encoding="utf-8")
+    before = json.loads(given.output.read_text(encoding="utf-8")) if given.output.exists() else {}  # with coverage
+    content = before | {"inputs": total, "targets": found}
+    given.output.write_text(json.dumps(content, indent=2) + "\n", encoding="utf-8")
     return 1 if any(not result["holds"] for result in found.values()) else 0
 
 

@@ -3,7 +3,8 @@
     python -m fuzz.coverage --runs 20000 importers CAN
 
 Every parser of targets.py runs in a process of its own under atheris (libFuzzer). An input that breaks one is written
-to test/fuzz/findings, where test_fuzz.py tries it from then on. Adds the counts to out/fuzz.json.
+to test/fuzz/findings, where test_fuzz.py tries it from then on. Those that reached something new stay in out/corpus,
+from which the next run goes on. Adds the counts to out/fuzz.json, of this run and of all (`total`).
 """
 
 from __future__ import annotations
@@ -19,6 +20,7 @@ from pathlib import Path
 from typing import Any
 
 FINDINGS = Path(__file__).parent / "findings"
+CORPUS = Path("out/corpus")
 NO_PARSER = ("observer",)
 LONGEST = 20  # [s] for one input
 MOST_MEMORY = 2048  # [MiB]
@@ -33,10 +35,10 @@ def child(name: str, runs: int, seconds: int, place: Path) -> None:
         from vsense_ros.errors import InputError
     (target,) = [t for t in TARGETS if t.name == name]
     feed, seeds = target.make(place)
-    corpus = place / "corpus"
-    corpus.mkdir()
+    corpus = CORPUS / name.replace(" ", "_")
+    corpus.mkdir(parents=True, exist_ok=True)
     for number, seed in enumerate(seeds):
-        (corpus / str(number)).write_bytes(seed)
+        (corpus / f"seed_{number}").write_bytes(seed)
 
     def one(data: bytes) -> None:
         with suppress(InputError):
@@ -76,14 +78,16 @@ def main() -> int:
     from fuzz.targets import TARGETS
 
     names = given.names or [target.name for target in TARGETS if target.name not in NO_PARSER]
-    results = {}
-    for name in names:
-        results[name] = fuzz_by_coverage(name, given.runs, given.seconds)
-        print(f"{name:<18} {results[name]}"[:2000], flush=True)
     content = json.loads(given.output.read_text(encoding="utf-8")) if given.output.exists() else {}
+    results = content.get("coverage", {})
+    for name in names:
+        before = results.get(name, {}).get("total", 0)
+        results[name] = fuzz_by_coverage(name, given.runs, given.seconds)
+        results[name]["total"] = before + results[name].get("inputs", 0)
+        print(f"{name:<18} {results[name]}"[:2000], flush=True)
     given.output.parent.mkdir(parents=True, exist_ok=True)
     given.output.write_text(json.dumps(content | {"coverage": results}, indent=2) + "\n", encoding="utf-8")
-    return 0 if all(result["holds"] for result in results.values()) else 1
+    return 0 if all(results[name]["holds"] for name in names) else 1
 
 
 if __name__ == "__main__":
