@@ -26,8 +26,12 @@ from vsense_ros.export.same_calls import moments as moments_of
 from vsense_ros.files.vehicle import load_vehicle
 from vsense_ros.messages.recording import Recording
 from vsense_ros.model.car.car import car_of
+from vsense_ros.model.effects import Effects
+from vsense_ros.model.effects.road_bank import RoadBank
+from vsense_ros.model.effects.tyre_relaxation import TyreRelaxation
 from vsense_ros.model.simulation.closed_loop import simulate
 from vsense_ros.model.vehicle import Vehicle
+from vsense_ros.observer.road_map import RoadMap
 
 pytestmark = [pytest.mark.slow, pytest.mark.skipif(codegen.compiler() is None, reason="no C compiler here")]
 ROOT = Path(__file__).parents[2]
@@ -77,6 +81,30 @@ def test_a_unit_is_valid_and_has_the_bits_of_the_c_export_and_the_estimates_of_p
     assert found.steps > 300
     assert found.bitwise
     assert found.python < 1e-9
+
+
+@pytest.mark.exam
+def test_a_unit_of_an_extended_file_with_a_known_road_has_the_bits_of_c_and_the_estimates_of_python(
+    vehicle: Vehicle, drive: Recording, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    fix = drive["gps/fix"].columns
+    rows = np.column_stack([fix["latitude"], fix["longitude"]])
+    rows = rows[0] + np.linspace(-1.0, 2.0, 12)[:, None] * (rows[-1] - rows[0])  # on the way of the second, and beyond
+    heading = float(np.arctan2(*(rows[-1] - rows[0]) * (1.0, np.cos(np.radians(rows[0, 0])))))
+    effects = Effects(
+        tyre_relaxation=TyreRelaxation(front=0.4, rear=0.4),
+        road_bank=RoadBank(profile=tuple((*row, heading, 0.05) for row in rows)),
+    )
+    extended = vehicle.model_copy(update={"physics": vehicle.physics.model_copy(update={"effects": effects})})
+    looks, at = [], RoadMap.at
+    monkeypatch.setattr(RoadMap, "at", lambda *given: looks.append(at(*given)) or looks[-1])
+    path = tmp_path / "unit.fmu"
+    fmu.write(extended, path, 3, optimised=QUICK)
+    found = fmu_check.compare(extended, path, 3, drive, optimised=QUICK)
+    assert (found.remarks, found.bitwise) == ([], True)
+    assert found.python < 1e-9
+    assert looks
+    assert all(road.slopes[1] == pytest.approx(0.05) for road in looks[1:])
 
 
 def test_what_is_set_before_a_step_changes_no_output_until_then(units: dict[int, Path], vehicle: Vehicle) -> None:

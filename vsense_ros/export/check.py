@@ -129,6 +129,11 @@ class Exported(ExportedFilter):
         assert self._survey is not None, "its file knows no road"
         return bool(self._survey(self._struct))
 
+    def look(self) -> None:
+        """Look up the road, where the vehicle file knows it."""
+        if self._survey is not None:
+            self.survey()
+
     def present(self) -> tuple[Array, Array]:
         """Derivatives of the velocities (14,), and forces and slips of the wheels (7, 4), at the present state."""
         acceleration, wheels = np.zeros(14), np.zeros((7, 4))

@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from vsense_ros.estimation.reading import Map
 from vsense_ros.export import c, check
 from vsense_ros.export.fmu import ELEMENTS, FIRST_INTEGER, OPTIMISED, START_SPEED, Unit
 from vsense_ros.export.same_calls import Moment, drive_together, moments, relative, start_of
@@ -20,6 +21,7 @@ from vsense_ros.model.coordinates import YAW
 from vsense_ros.model.sensors import SensorBase
 from vsense_ros.model.vehicle import Vehicle
 from vsense_ros.observer.catalogue import default_filter
+from vsense_ros.observer.road_map import RoadMap
 from vsense_ros.observer.sensors import sensors_of
 from vsense_ros.observer.state import FORCE
 
@@ -198,6 +200,7 @@ class InPython:
     """The vehicle's own filter, as `drive_together` drives it."""
 
     def __init__(self, vehicle: Vehicle, sensors: dict[str, SensorBase], speed: float, yaw: float) -> None:
+        self._road = RoadMap.of(vehicle, Map(c.Observer.of(vehicle).map_origin))
         self.filter = default_filter(vehicle)(vehicle, sensors)
         self.inputs = self.filter.inputs
         self.correct, self.advance = self.filter.correct, self.filter.predict
@@ -206,6 +209,11 @@ class InPython:
         self.filter.car.forget()
         self.filter.start(belief)
         self.filter.linearize()
+
+    def look(self) -> None:
+        """Look up the road, where the vehicle file knows it."""
+        if self._road is not None:
+            self._road.follow(self.filter)
 
 
 def as_a_unit_gets(sensor: SensorBase, value: Array) -> Array:

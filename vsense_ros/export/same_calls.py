@@ -16,6 +16,7 @@ from vsense_ros.estimation.filter import Gaussian, Innovation, largest_nis
 from vsense_ros.estimation.gaussian import COMPONENTS
 from vsense_ros.estimation.intake import Intake, by_topic
 from vsense_ros.estimation.reading import Map
+from vsense_ros.export.c import Observer
 from vsense_ros.export.sources import identifier
 from vsense_ros.messages.recording import Recording, Sample
 from vsense_ros.model.sensors import SensorBase
@@ -163,10 +164,12 @@ class Moment:
 
 
 def moments(vehicle: Vehicle, recording: Recording) -> list[Moment]:
-    """What the sensors of a vehicle measured, in order of time: as if nothing came late."""
+    """What the sensors of a vehicle measured, in order of time: as if nothing came late. The map begins where that of a
+    road does that the vehicle file knows, else where that of the recording does."""
     sensors = sensors_of(vehicle)
     names, listening = list(sensors), by_topic(tuple(sensors.values()))
-    intake = Intake(sensors, Map(recording.map_origin), 1e9, lambda: True)
+    origin = Observer.of(vehicle).map_origin or recording.map_origin
+    intake = Intake(sensors, Map(origin), 1e9, lambda: True)
     events = []
     for sample in recording.samples(tuple(t for t in listening if t in recording)):
         for index in listening[sample.topic]:
@@ -206,6 +209,9 @@ class Driven(Protocol):
     def correct(self, sensor: str, value: Array, variance: Array, limit: float) -> Any:
         """Correct by a measurement (m,)."""
 
+    def look(self) -> None:
+        """Look up the road, where the vehicle file knows it."""
+
     def advance(self, h: float) -> None:
         """Go on by `h` [s], and linearise."""
 
@@ -232,6 +238,8 @@ def drive_together(
                 variance = sensor.deviations() ** 2
                 for one in driven:
                     one.correct(name, given(sensor, value), variance, largest_nis(sensor.gate, len(variance)))
+        for one in driven:
+            one.look()
         h = later.time - now.time
         count = max(1, int(np.ceil(h / vehicle.observer.longest_step - 1e-9)))
         for _ in range(count):

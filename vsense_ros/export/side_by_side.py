@@ -61,6 +61,11 @@ class _Timed:
         self._driven.correct(sensor, value, variance, limit)
         self.seconds += perf_counter() - begin
 
+    def look(self) -> None:
+        begin = perf_counter()
+        self._driven.look()
+        self.seconds += perf_counter() - begin
+
     def advance(self, h: float) -> None:
         begin = perf_counter()
         self._driven.advance(h)
