@@ -32,3 +32,20 @@ def test_a_gyro_scale_is_proven_by_bends_alone(held_out: str) -> None:
     assert validation.leaves_a_trace(scale) == (held_out == "slalom")
     assert (validation.gain(scale) is None) == (held_out == "straight")
     assert validation.proven(scale) > 0.5 * scale.gain
+
+
+def test_what_drives_leave_open_of_a_size_is_in_its_interval() -> None:
+    vehicle, parameter = prototype(), "effects.gnss_lever_arm.x"
+    (offered,) = (c for c in candidates() if c.name == "gnss_lever_arm x")
+    found = {}
+    for manoeuvre in ("straight", "slalom"):
+        dataset = build_dataset([driven(having(vehicle, gnss_lever_arm={"x": -0.7}), manoeuvre)], vehicle)
+        residuals = Residuals(Predictor(vehicle, dataset))
+        base = fit(residuals, residuals.predictor.start, ())
+        (found[manoeuvre],) = Search(residuals, residuals.predictor.start, base, [offered]).together([offered])
+    size, deviation = found["straight"].sizes[parameter], found["straight"].deviations[parameter]
+    assert size == pytest.approx(0.0, abs=0.05)
+    assert deviation == pytest.approx(0.5, rel=0.1)  # as likely as before
+    size, deviation = found["slalom"].sizes[parameter], found["slalom"].deviations[parameter]
+    assert size == pytest.approx(-0.7, abs=0.1)
+    assert deviation < 0.1

@@ -43,15 +43,19 @@ class Fitting:
 
     def _deviations(self, candidates: Sequence[Candidate], fitted: Fit) -> dict[str, float]:
         """Standard deviations of the free parameters by name, by a jackknife over the folds: residuals of neighbouring
-        instants err together, so that their number says nothing. The level of a profile is known no better than all
-        that shifts with it: sensors with an offset see the same, and the prior alone tells the two apart."""
+        instants err together, so that their number says nothing. All folds agree on what the prior says: it draws a
+        size towards zero by the prior's share in what is known of it, and that much of a likely size may be missing.
+        The level of a profile is known no better than all that shifts with it: sensors with an offset see the same, and
+        the prior alone tells the two apart."""
         equations = self.validation.folds_for(candidates).apart(fitted).equations
         n = len(equations.rows)
         changes = np.array([equations.change([i for i in range(n) if i != out]) for out in range(n)])
         spread = np.sqrt((n - 1) / n * np.sum((changes - changes.mean(axis=0)) ** 2, axis=0))
         everywhere = {c.free_parameters[0].name for c in candidates if c.along_road}
-        unknown = np.array([parameter.name in everywhere for parameter in fitted.free_parameters])
-        spread = np.hypot(spread, np.where(unknown, equations.spread(), 0.0))
+        sizes = {parameter.name for c in candidates if not c.along_road for parameter in c.free_parameters}
+        level, size = (np.array([p.name in names for p in fitted.free_parameters]) for names in (everywhere, sizes))
+        after = equations.spread()  # the prior's share is its square
+        spread = np.hypot(spread, np.where(level, after, np.where(size, after**2, 0.0)))
         return {
             parameter.name: float(s * parameter.deviation)
             for parameter, s in zip(fitted.free_parameters, spread, strict=True)
