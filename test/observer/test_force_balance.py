@@ -76,6 +76,19 @@ def test_forces_that_the_filter_hardly_knows_may_differ_from_what_is_felt(vehicl
     assert "longitudinal force" not in balance_line(observer).message
 
 
+def test_the_noise_of_an_accelerometer_is_no_force_that_is_missing(vehicle, lane_change):
+    rng = np.random.default_rng(46)
+
+    def shaken(sample):
+        force = sample.values["linear_acceleration"] + np.array([0.0, 6.0 * rng.standard_normal(), 0.0])
+        return changed(sample, linear_acceleration=force)
+
+    samples = altered(messages(lane_change, 8.0), lambda sample: sample.topic == IMU, shaken)
+    line = balance_line(estimated(Runner(vehicle, lane_change.map_origin), samples))
+    assert float(line.values["lateral force [%]"]) > 8
+    assert line.level is Level.OK
+
+
 def test_longitudinal_forces_of_wheels_that_are_absent_are_not_compared(vehicle, lane_change):
     sensors = {name: one for name, one in vehicle.sensors.items() if one.kind != "wheel_speeds"}
     car = vehicle.model_copy(update={"drivetrain": Drivetrain(), "sensors": sensors})

@@ -64,6 +64,7 @@ class Balance:
         self._stamp = 0  # of the newest estimate [ns]
         self._once, self._twice = np.zeros(14), np.zeros(14)
         self._square, self._since = np.zeros(6), 0.0
+        self._noise = np.zeros(3)  # [m²/s⁴] variances of what low-pass filters leave of the noise of accelerometers
         self._waiting: list[tuple[Estimate, Array]] = []  # estimates that are not compared yet, and readings
         self._newest: Estimate | None = None  # of those that were compared
 
@@ -124,11 +125,15 @@ class Balance:
         force += self._arm * np.sum(rates**2, axis=1)[:, None]
         speed = np.array([e.state.item(FORWARD) for e in estimates])
         residual = low[:, 6:12] - self._car.of_motion(force, turning, low[:, 12], low[:, 13], speed)
-        for square, time in zip(self._car.shares(residual) ** 2, passed, strict=True):
+        rough = (signals[:, 3:6] - low[:, 3:6]) ** 2
+        for square, noise, time in zip(self._car.shares(residual) ** 2, rough, passed, strict=True):
             if time is None:
-                self._square[:], self._since, time = 0.0, 0.0, 0.0
+                self._square[:], self._noise[:], self._since, time = 0.0, 0.0, 0.0, 0.0
             self._since += time
-            self._square += (1 - exp(-time / MEMORY)) * (square - self._square)
+            share = 1 - exp(-time / MEMORY)
+            self._square += share * (square - self._square)
+            # Of white noise one filter leaves time / 2 τ of the variance, and two of them half of that.
+            self._noise += share * (noise * min(time / _TIME_CONSTANT, 1.0) / 4 - self._noise)
         residual[:, ~self._measured] = np.nan
         for estimate, row in zip(estimates, residual, strict=True):
             estimate.unbalanced[:] = row
@@ -167,13 +172,14 @@ class Balance:
 
     def _deviations(self) -> Array:
         """Standard deviations of what is over, as `SHARES` (6,): those of the car's acceleration, which the tyres make,
-        and of the biases of the accelerometers, by the newest estimate."""
+        and of the biases of the accelerometers, by the newest estimate, and of the noise of these."""
         newest = self._newest
         if newest is None:
             return np.zeros(6)
         covariance, first = newest.acceleration_covariance.copy(), newest.car.layout.biases[self._index].start
         biases = slice(first + FORCES.start, first + FORCES.stop)
         covariance[:3, :3] += self._to_car @ newest.covariance[biases, biases] @ self._to_car.T
+        covariance[:3, :3] += np.diag(self._noise) / (1 - exp(-self._since / MEMORY))
         return self._car.deviations(covariance)
 
     def diagnostic(self) -> Diagnostic:
