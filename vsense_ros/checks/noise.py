@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.stats import norm
+from scipy.special import ndtri
 
 from vsense_ros.checks.held import period_of_updates
 from vsense_ros.checks.setting import JUDGEMENT, setting
@@ -26,7 +26,7 @@ class NoiseSettings:
 
 SETTINGS = NoiseSettings()
 _OF_THIRD_DIFFERENCE = 20**0.5  # standard deviation of that of white noise: 1² + 3² + 3² + 1² variances add up
-_MEDIAN_OF_NORMAL = float(norm.ppf(0.75))  # median of the absolute value of a standard normal number
+_MEDIAN_OF_NORMAL = float(ndtri(0.75))  # median of the absolute value of a standard normal number
 
 
 def white_noise(values: Array) -> float:

@@ -13,7 +13,6 @@ from hashlib import sha256
 from pathlib import Path
 
 import numpy as np
-from scipy.signal import butter
 
 from vsense_ros.errors import InputError
 from vsense_ros.estimation.filter import Array, Gaussian
@@ -88,6 +87,8 @@ class OnlineIdentification:
         self.driven = 0.0  # [s] in this and all drives before
         self.restarts = 0
         self._belief = Gaussian(self._one.begin(), np.diag((self._prior * ONLINE.first_share) ** 2))
+        from scipy.signal import butter  # which a node that identifies nothing need not wait for
+
         self._b, self._a = butter(2, 2 * BEST.everyday_cut_off * RECORDED.step)
         self._delays = np.zeros((2, 9))  # of the low-pass of inputs and outputs
         self._good = self._belief

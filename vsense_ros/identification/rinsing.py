@@ -15,7 +15,6 @@ from typing import Literal
 
 import casadi as ca
 import numpy as np
-from scipy.signal import butter, filtfilt
 
 from vsense_ros.errors import InputError
 from vsense_ros.estimation.augmented import Augmented
@@ -85,6 +84,8 @@ class Drive:
 
 def low_passed(values: Array, h: float, cut_off: float) -> Array:
     """Columns (N, m), `h` [s] apart, without what is faster than a cut-off [Hz], and without delay."""
+    from scipy.signal import butter, filtfilt  # which takes long to load, and an observer does not need
+
     smooth: Array = filtfilt(*butter(2, 2 * cut_off * h), values, axis=0)
     return np.ascontiguousarray(smooth, dtype=np.float64)
 

@@ -6,7 +6,6 @@ from math import atan2, cos, hypot, sin
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.interpolate import CubicSpline
 
 from vsense_ros.manoeuvre.track import Track
 from vsense_ros.model.simulation.surface import Surface
@@ -25,6 +24,8 @@ class RoadSurface(Surface):
     """
 
     def __init__(self, track: Track, crown: float = 0.0) -> None:
+        from scipy.interpolate import CubicSpline  # which takes long to load, and whoever does not simulate need not
+
         level = np.cos((track.grade[1:] + track.grade[:-1]) / 2)
         distance = np.concatenate([[0.0], np.cumsum(np.diff(track.distance) * level)])  # on the map [m]
         heading = np.diff(track.heading)

@@ -6,15 +6,21 @@ behind each next one, with the other sign.
 
 from __future__ import annotations
 
+from typing import TYPE_CHECKING
+
 import numpy as np
 from numpy.typing import NDArray
-from scipy.interpolate import CubicSpline
+
+if TYPE_CHECKING:
+    from scipy.interpolate import CubicSpline
 
 Array = NDArray[np.float64]
 
 
 def spline(distance: Array, value: Array) -> CubicSpline:
     """Through values (n,) at two places or more, `distance` (n,) [m], which increase."""
+    from scipy.interpolate import CubicSpline  # which takes long to load, and few observers need
+
     return CubicSpline(distance, value, bc_type="natural")
 
 
