@@ -240,8 +240,8 @@ def paths_are_fixed(shop: Workshop) -> str:
         for parameter in parameters:
             wanted = Parameter(parameter, value=str(target)).to_parameter_msg()
             request = SetParameters.Request(parameters=[wanted])
-            (result,) = shop.client.call(SetParameters, f"{name}/set_parameters", request).results
-            assert not result.successful, f"{name}: {parameter}"
+            answer = shop.client.call(SetParameters, f"{name}/set_parameters", request, 60.0)  # all start at once
+            assert not answer.results[0].successful, f"{name}: {parameter}"
             count += 1
     for node in nodes.values():
         assert node.stop() == 0
