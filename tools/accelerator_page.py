@@ -180,7 +180,7 @@ def covariance(compared: dict[str, float]) -> str:
         f"standard deviations by {100 * compared['deviation']:.2f} % (`studies/accelerated_covariance.py`).",
         "",
         "An SPI at 1 kHz needs a step within 1,000 µs. By these clocks an XC7Z020 has that with the kernel alone, and "
-        "an XCZU7EV has it without. What is left out: misses of the instruction cache, for code of 222 kB beside "
+        "an XCZU7EV has it without. What is left out: misses of the instruction cache, for code of 226 kB beside "
         "a cache of 32 kB, are estimated at 550 µs a step and more on the Cortex-A9, which is more than is left of the "
         "millisecond. So this is no promise for an XC7Z020. Missing for one: the clock by place and route, "
         "and a measurement on silicon.",
