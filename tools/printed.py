@@ -23,7 +23,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 ROOT = Path(__file__).parents[1]
-PAGES = tuple(ROOT / "docs" / name for name in ("filters.md", "observers.md", "comparison.md"))
+PAGES = tuple(ROOT / "docs" / name for name in ("filters.md", "observers.md", "comparison.md", "how_to/identify.md"))
 KINDS = ("printed by", "figures of", "by no command")
 
 _MARK = re.compile(rf"<!-- ({'|'.join(KINDS)}): (.+) -->")
