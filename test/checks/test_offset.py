@@ -73,6 +73,13 @@ def test_a_period_of_four_rows_and_more_may_be_one_more_or_less():
         assert period_of_updates(np.repeat(NOISE[:120], runs, axis=0)) == expected
 
 
+def test_a_torque_that_creeps_by_one_coarse_step_at_a_time_is_not_held():
+    rise = 2 * np.round(0.25 * np.arange(800) + 0.05 * np.random.default_rng(3).normal(size=800))[:, None]
+    assert period_of_updates(rise) is None
+    by_clock = 2 * np.round(np.repeat(3 * NOISE, 4, axis=0))
+    assert period_of_updates(by_clock) == 4
+
+
 def test_values_that_rest_or_are_rounded_or_few_or_all_new_have_no_period():
     assert period_of_updates(NOISE) is None
     assert period_of_updates(np.zeros((200, 1))) is None

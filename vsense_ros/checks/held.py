@@ -19,6 +19,9 @@ class HeldSettings:
     regular: float = setting(0.9, "-", "share of runs that have the usual length, or a multiple of it")
     usual: float = setting(0.6, "-", "share of runs that have the usual length")
     exact: int = setting(4, "-", "rows of a run, below which two clocks make no difference of one", JUDGEMENT)
+    one_step: float = setting(
+        0.95, "-", "share of changes by one step, from which on a coarse signal creeps", JUDGEMENT
+    )
 
 
 SETTINGS = HeldSettings()
@@ -41,7 +44,7 @@ def period_of_updates(values: NDArray[np.float64]) -> int | None:
     """In how many rows of (n, m) values each one stands, the same everywhere; None where each row may bring a new one.
 
     A signal that is quantised, or stands still at times, repeats itself irregularly; one that is held does so by the
-    clock.
+    clock. One that is quantised and rises evenly seems to, and is known by changing by one step at a time.
     """
     if len(values) < 4 * SETTINGS.least_runs:
         return None
@@ -58,4 +61,15 @@ def period_of_updates(values: NDArray[np.float64]) -> int | None:
     usual = np.abs(runs - length) <= slack
     if np.mean(beside <= slack) < SETTINGS.regular or np.mean(usual) < SETTINGS.usual:
         return None
-    return length
+    return None if _one_step_at_a_time(values) else length
+
+
+def _one_step_at_a_time(values: NDArray[np.float64]) -> bool:
+    """True if each column of (n, m) values hardly changes by more than its smallest change."""
+    changes = np.abs(np.diff(values, axis=0))
+    changes[~(changes > 0)] = np.nan
+    return all(
+        np.mean(of < 1.5 * of.min()) >= SETTINGS.one_step
+        for column in changes.T
+        if len(of := column[np.isfinite(column)])
+    )
