@@ -63,6 +63,6 @@ class OfRows:
         return result
 
     def _plain(self, rows: int, arguments: Sequence[Array]) -> Array:
-        """The same without a compiler."""
+        """What `__call__` gives, without a compiler: (rows, n)."""
         columns = [np.broadcast_to(values, (rows, np.shape(values)[-1])).T for values in arguments]
         return np.array(self._function.map(rows)(*columns)).T
