@@ -25,7 +25,7 @@ from vsense_ros.mismatch.answer_sentence import sentence
 from vsense_ros.mismatch.page import write_report
 from vsense_ros.mismatch.picture import before_and_after, most_affected, when
 from vsense_ros.mismatch.remarks import Evidence, remarks
-from vsense_ros.mismatch.tables import signal_rows
+from vsense_ros.mismatch.tables import effect_rows, signal_rows
 from vsense_ros.mismatch.terminal import printed
 from vsense_ros.mismatch.words import BADGES, in_words, percent, shown_number, shown_value
 
@@ -242,6 +242,17 @@ def test_what_every_explanation_has_that_remains_is_sure_and_not_left_open(tmp_p
     sure, _, left_open = text.partition("On this page")[0].rpartition("Sure:")[2].partition("leave open")
     assert [name in sure for name in ("Road bank", "Tyre conicity", "Steering offset")] == [True, False, False]
     assert [name in left_open for name in ("Road bank", "Tyre conicity", "Steering offset")] == [False, True, True]
+    assert re.findall(r"(\w+ \w+): \w+, 90 % interval", text) == ["Road bank"]
+    standings = [row.standing for row in effect_rows(found)]
+    assert [standing.split()[0] for standing in standings] == ["sure:", "cannot", "cannot"]
+
+
+def test_the_figures_below_the_sentence_have_the_size_that_is_furthest_from_zero(tmp_path):
+    places = [("x", -0.003, (-0.05, 0.04)), ("y", -0.69, (-0.86, -0.52))]
+    sizes = [{"name": name, "unit": "m", "value": v, "interval_90": limits} for name, v, limits in places]
+    antenna = effect("gnss_lever_arm", 0.6, accepted=True, parameters=sizes)
+    text = read(finding("named", effects=[antenna], answer_set=["gnss_lever_arm"]), [], tmp_path).text
+    assert "−0.690 m GNSS lever arm: y, 90 % interval −0.860 to −0.520 m" in text
 
 
 def test_before_a_test_was_designed_the_page_says_how_to_and_not_that_there_is_none(tmp_path):

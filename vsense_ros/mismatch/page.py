@@ -9,7 +9,7 @@ from typing import Any
 
 from vsense_ros.evaluate.html_page import embedded, page_template, write_page
 from vsense_ros.files.atomic import atomic_write
-from vsense_ros.mismatch.answer_schema import Answer, Errors, Force, Region, SignalErrors
+from vsense_ros.mismatch.answer_schema import Answer, EffectEntry, Errors, Force, Region, SignalErrors, Size
 from vsense_ros.mismatch.picture import Trace, before_and_after, most_affected, other_signals, road_profile, when
 from vsense_ros.mismatch.tables import (
     OBSERVER_COLUMNS,
@@ -127,11 +127,12 @@ def write_next_test(answer: Answer, path: Path) -> None:
 
 def _headlines(answer: Answer, shown: Trace | None) -> list[Headline]:
     """The figures below the sentence."""
-    rows = [row for row in effect_rows(answer) if row.in_answer]
+    rows = [(row, effect) for row, effect in zip(effect_rows(answer), answer.effects, strict=True) if row.in_answer]
+    sure = [(row, effect) for row, effect in rows if answer.verdict == "named" or effect.id in answer.sure]
     return [
         *_error_headline(answer, shown),
-        *_proof_headline(answer, rows),
-        *(_size_headlines(answer, rows) if answer.verdict == "named" else []),
+        *_proof_headline(answer, [row for row, _ in rows]),
+        *(_size_headlines(sure) if sure else []),
         *_remainder_headline(answer),
     ]
 
@@ -162,21 +163,26 @@ def _proof_headline(answer: Answer, rows: Sequence[EffectRow]) -> list[Headline]
     return [(proof.figure, f"of the squared error of all signals explained, {proof.name}{by}")]
 
 
-def _size_headlines(answer: Answer, rows: Sequence[EffectRow]) -> list[Headline]:
-    """How large what is named is, and how sure the name."""
+def _size_headlines(sure: Sequence[tuple[EffectRow, EffectEntry]]) -> list[Headline]:
+    """How large what is sure is, by the size of it that is furthest from zero, and the least confidence in a name."""
     result = []
-    for row in rows:
+    for row, effect in sure:
         if not row.sizes:
             result.append(("–", row.name))
             continue
-        size = row.sizes[0]
+        size = row.sizes[0 if effect.profile else _clearest(effect.parameters[: len(row.sizes)])]
         what = f"{row.name}: {size.name}" if size.name else row.name
         known = f"along the road, {size.known}" if size.figure else f"90 % interval {size.known}"
         result.append((size.figure or size.value, f"{what}, {known}"))
-    least = min(effect.confidence for effect in answer.accepted)
-    of = "confidence in the name" if len(rows) == 1 else "confidence in the less certain name"
+    of = "confidence in the name" if len(sure) == 1 else "confidence in the less certain name"
     calibrated = "how often such names were right on the public split of the examination"
-    return [*result, (probability(least), f"{of}: {calibrated}")]
+    return [*result, (probability(min(effect.confidence for _, effect in sure)), f"{of}: {calibrated}")]
+
+
+def _clearest(sizes: Sequence[Size]) -> int:
+    """Which of these sizes is furthest from zero, in widths of its interval."""
+    clear = [abs(size.value) / max(size.interval_90[1] - size.interval_90[0], 1e-12) for size in sizes]
+    return clear.index(max(clear))
 
 
 def _remainder_headline(answer: Answer) -> list[Headline]:

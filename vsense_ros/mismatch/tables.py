@@ -177,6 +177,8 @@ def _standing(answer: Answer, effect: EffectEntry, gains: Mapping[str, float], b
         return "describes what is left over, and names no physics"
     if _before_any_fit(answer, effect):
         return "determined before any fit, by sensors of one motion"
+    if answer.verdict == "ambiguous" and effect.id in answer.sure:
+        return "sure: in every explanation that remains"
     within = effect.id in answer.answer_set
     weakest, least = _deciding(gains)
     if not within and (least < answer.threshold or best <= 0.0):
