@@ -11,6 +11,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
+from vsense_ros.estimation.filter import Gaussian
 from vsense_ros.model.constants import GRAVITY
 from vsense_ros.model.coordinates import YAW
 from vsense_ros.model.schema.observer_settings import UnseenErrors
@@ -102,6 +103,6 @@ def test_what_a_bias_has_beyond_its_deviation_may_be_the_slope_of_the_road(estim
     state, index = known.state.copy(), known.names.index("imu.accelerometer_bias_y")
     state[index] = 0.5
     deviation = known.car.prior.deviation[index]
-    added = replace(known, state=state).pose_covariance - known.pose_covariance
+    added = replace(known, belief=Gaussian(state, known.covariance)).pose_covariance - known.pose_covariance
     assert added[3, 3] == pytest.approx((0.25 - deviation**2) / 9.80665**2, rel=1e-3)
     assert added[4, 4] < 1e-2 * added[3, 3]  # the car goes straight

@@ -74,7 +74,7 @@ def accelerations_by_error(by_q: Array, by_u: Array, by_disturbances: Array, siz
 
 
 def wheels_by_error(derivative: Array, mass: Array, size: int) -> tuple[Array, Array]:
-    """Derivatives (…, 16, n) and (…, 3, n) by the errors of a state of this size, of `CarBlocks.wheel_slopes`."""
+    """Derivatives (…, 16, n) and (…, 3, n) by the errors of a state of this size, of those in `CarBlocks.shown`."""
     by_error, lacking = np.zeros((*derivative.shape[:-1], size)), np.zeros((*mass.shape[:-1], size))
     by_error[..., _OF_FORCES] = derivative
     lacking[..., FORCE] = mass
@@ -244,14 +244,6 @@ class CarBlocks(CarMemory):
         """Derivative of the accelerations by the errors, (14, n)."""
         return accelerations_by_error(self.by_q, self.by_u, self.by_disturbances, self.layout.size)
 
-    def wheel_slopes(self) -> tuple[Array, Array]:
-        """Derivatives at the present state, of which `wheels_by_error` makes those by the errors: of force x, y, z and
-        aligning moment of each wheel as the model has them, (16, k), and of the generalized forces along x and y and
-        about z that it lacks, (3, 14)."""
-        self._wheel_forces.call()
-        derivative, mass = self._wheel_forces.results
-        return derivative, mass
-
     def sense(self, sensor: str, value: Array) -> tuple[Array, Array]:
         sensed = self.sensed[sensor]
         sensed.kernel.call()
@@ -280,11 +272,6 @@ class CarBlocks(CarMemory):
         count_inside = np.count_nonzero(np.abs(self.mean) < self.largest)
         return bool(self.covariance.item(FORWARD, FORWARD) > 0 and count_inside == len(self.mean))
 
-    @property
-    def axle_distances(self) -> Array:
-        """Distances of the front and the rear axle from the centre of gravity, (2,) [m]."""
-        return self.parameters.take(self._distances)
-
     def present(self) -> tuple[Array, Array]:
         """Derivatives of the velocities (14,), and forces and slips of the wheels as `Car.wheel_outputs` (7×4).
 
@@ -293,3 +280,12 @@ class CarBlocks(CarMemory):
         self._present.call()
         udot, wheels = self._present.results
         return udot[:, 0], wheels
+
+    def shown(self) -> Array:
+        """What outputs need beside the `memory`, copied: the results of `present`, then derivatives at the present
+        state of which `wheels_by_error` makes those by the errors: of force x, y, z and aligning moment of each wheel
+        as the model has them, (16, k), and of the generalized forces along x and y and about z that it lacks, (3, 14).
+        All of them are column by column."""
+        self._present.call()
+        self._wheel_forces.call()
+        return self._shown.copy()

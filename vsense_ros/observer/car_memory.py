@@ -113,7 +113,9 @@ class CarMemory:
             "surveyed": SURVEYED,
         }
         self.memory = np.zeros(sum(sizes.values()))
-        parts = dict(zip(sizes, np.split(self.memory, np.cumsum([*sizes.values()][:-1]).tolist()), strict=True))
+        ends = np.cumsum([*sizes.values()]).tolist()
+        self.places = {name: slice(end - size, end) for (name, size), end in zip(sizes.items(), ends, strict=True)}
+        parts = {name: self.memory[place] for name, place in self.places.items()}
         self.mean, self.inputs, self.effects = parts["mean"], parts["inputs"], parts["effects"]
         self.covariance = parts["covariance"].reshape(n, n)
         self.linearization, self.parameters, self.extra = parts["linearization"], parts["parameters"], parts["extra"]
@@ -141,8 +143,13 @@ class CarMemory:
         self.forces = Kernel(
             functions["force"], [q, self.inputs, around, self.parameters, self.effects, self.error[FORCE]]
         )
-        self._present = Kernel(functions["dynamics"], self.arguments)
-        self._wheel_forces = Kernel(compiled_wheel_forces(car), self.arguments)
+        shown = functions["dynamics"], compiled_wheel_forces(car)
+        ends = np.cumsum([function.nnz_out() for function in shown]).tolist()
+        self._shown = np.zeros(ends[-1])
+        present, slopes = np.split(self._shown, ends[:1])
+        self._present, self._wheel_forces = (
+            Kernel(function, self.arguments, part) for function, part in zip(shown, (present, slopes), strict=True)
+        )
         sensing = sensor_functions(car, self.sensor_list)
         self.sensed: dict[str, Sensed] = {}
         for i, (name, sensor, biases) in enumerate(
@@ -157,7 +164,7 @@ class CarMemory:
         self.components: Mapping[str, int] = {
             name: len(self.sensor_list[sensed.index].deviations()) for name, sensed in self.sensed.items()
         }
-        self._distances = np.array([names.index(f"chassis.cog_to_{axle}_axle") for axle in ("front", "rear")])
+        self.distances = np.array([names.index(f"chassis.cog_to_{axle}_axle") for axle in ("front", "rear")])
 
     def process(self, h: float) -> Process:
         """What happens within `h` [s] to the states behind the velocities, with brakes as they are now."""

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from abc import abstractmethod
+from typing import ClassVar
 
 from vsense_ros.estimation.ekf import Ekf
 from vsense_ros.estimation.filter import Filter
@@ -13,6 +14,7 @@ class CarFilter(Filter):
     """A filter of the multibody car: all that the observer, its estimates and its monitor need of one."""
 
     car: CarBlocks
+    in_car: ClassVar[bool] = False  # True: mean and covariance in the memory of the car are all that it believes
 
     def start_rolling(self, speed: float) -> None:
         """Begin as a car that rolls straight ahead at `speed` [m/s], known as little as before any measurement."""
@@ -30,6 +32,8 @@ class CarFilter(Filter):
 
 class ErrorEkf(Ekf, CarFilter):
     """The extended Kalman filter on the blocks of the car."""
+
+    in_car = True
 
     def __init__(self, car: CarBlocks) -> None:
         super().__init__(car)

@@ -10,11 +10,14 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from vsense_ros.estimation.filter import Gaussian
 from vsense_ros.messages import estimates as messages
 from vsense_ros.messages.recording import Sample
 from vsense_ros.model.car.pose import angles, orientation_on_map, position_on_map
 from vsense_ros.model.coordinates import (
     BANK,
+    COORDINATES,
+    DISTURBANCES,
     FORCE_X,
     GRADE,
     GRADE_CHANGE,
@@ -35,7 +38,7 @@ from vsense_ros.model.vehicle import Vehicle
 from vsense_ros.observer.car_blocks import CarBlocks, accelerations_by_error, wheels_by_error
 from vsense_ros.observer.error_ekf import CarFilter
 from vsense_ros.observer.observable import undetermined
-from vsense_ros.observer.state import DISTURB, FORCE, TWIST
+from vsense_ros.observer.state import DISTURB, DYNAMIC, FORCE, TWIST
 from vsense_ros.observer.unseen import add_tilt, add_unseen, outer, unlikely_bias
 
 Array = NDArray[np.float64]
@@ -49,31 +52,28 @@ _VELOCITY, _RATES = (slice(TWIST.start + part.start, TWIST.start + part.stop) fo
 _LONGITUDINAL_FORCES = slice(0, None, 4)
 _LATERAL_FORCES = slice(1, None, 4)  # of force x, y, z and moment of each wheel
 _UNKNOWN = np.full(6, np.nan)
+_WHEELS_SHOWN = slice(COORDINATES, COORDINATES + 7 * len(WHEELS))  # of `CarBlocks.shown`
 _PLACE, _YAW_OF_POSE = [0, 1], 5  # of position and attitude
 _SLOW = 4.0  # [m/s] below it a course says little of the heading
 _SMALLEST_SPEED = 0.5  # [m/s] below it a side-slip angle has no meaning
 
 
-@dataclass(frozen=True)
+@dataclass(eq=False)
 class Estimate:
     """State of the car at one time, or at many: then all arrays have one more axis in front (`stacked`).
 
-    It holds copies of what the filter has, and what follows from these is computed when it is asked for: of many
-    estimates at once, for a fraction of what each would cost.
+    It holds copies of what the filter has, in as few pieces as it has them in, and what follows from these is computed
+    when it is asked for: of many estimates at once, for a fraction of what each would cost.
     """
 
     stamp: int  # [ns]
-    state: Array  # (n,) all that the filter estimates
-    inputs: Array  # (6,) as model.coordinates.INPUTS
-    udot: Array  # (14,) derivatives of the velocities
-    model_wheels: Array  # (7, 4) as Car.wheel_outputs
-    covariance: Array  # (n, n) of the errors of the state
-    acceleration_slopes: tuple[Array, Array, Array]  # (6, k) as `accelerations_by_error` takes them
-    wheel_slopes: tuple[Array, Array]  # (16, k) and (3, 14), as `wheels_by_error` takes them
+    memory: Array  # (s,) of the car, as `CarMemory.places`, at least up to its parameters
+    shown: Array  # (k,) as `CarBlocks.shown`
+    belief: Gaussian | None  # None where it is in the memory
     names: tuple[str, ...]  # of the state
-    axle_distances: Array  # (2,) of the front and the rear axle from cog [m]
     car: CarBlocks  # of the filter, whose settings do not change
     vehicle: Vehicle
+    longitudinal_shares: Array  # (4,) as `CarMemory`
     # (6,) force [N] and moment [N m] of the tyres beyond what the inertial sensor feels, as `model.car.balance` and
     # low-passed; NaN while it is not heard.
     unbalanced: Array = field(default_factory=_UNKNOWN.copy)
@@ -81,29 +81,63 @@ class Estimate:
     # until it is decided who is wrong, or that nobody measures.
     undecided: Array = field(default_factory=lambda: np.zeros(9))
     bend: Array = field(default_factory=lambda: np.zeros(()))  # [1/m] largest curvature of the way of late
-    longitudinal_shares: Array = field(default_factory=lambda: np.zeros(4))  # as `CarMemory`
 
     @classmethod
     def of(cls, stamp: int, filter: CarFilter) -> Estimate:
         """Read a filter, and leave it as it is."""
-        (state, covariance), car = filter.belief(), filter.car
-        udot, wheels = car.present()
-        derivative, mass = car.wheel_slopes()
-        return cls(
-            stamp,
-            state.copy(),
-            filter.inputs.copy(),
-            udot.copy(),
-            wheels.copy(),
-            covariance.copy(),
-            (car.by_q[:6].copy(), car.by_u[:6].copy(), car.by_disturbances[:6].copy()),
-            (derivative.copy(), mass.copy()),
-            filter.names,
-            car.axle_distances,
-            car,
-            car.vehicle,
-            longitudinal_shares=car.longitudinal_shares.copy(),
-        )
+        car = filter.car
+        memory, belief = car.memory[: car.places["parameters"].stop].copy(), None if filter.in_car else filter.belief()
+        return cls(stamp, memory, car.shown(), belief, filter.names, car, car.vehicle, car.longitudinal_shares)
+
+    def _part(self, name: str) -> Array:
+        return self.memory[..., self.car.places[name]]
+
+    @property
+    def state(self) -> Array:
+        """All that the filter estimates, (n,)."""
+        return self._part("mean") if self.belief is None else self.belief.mean
+
+    @property
+    def covariance(self) -> Array:
+        """Covariance of the errors of the state, (n, n)."""
+        if self.belief is not None:
+            return self.belief.covariance
+        numbers, n = self._part("covariance"), self.car.layout.size
+        return numbers.reshape(*numbers.shape[:-1], n, n)
+
+    @property
+    def inputs(self) -> Array:
+        """What drives the model, (6,) as model.coordinates.INPUTS."""
+        return self._part("inputs")
+
+    @property
+    def udot(self) -> Array:
+        """Derivatives of the velocities, (14,)."""
+        return self.shown[..., :COORDINATES]
+
+    @property
+    def model_wheels(self) -> Array:
+        """Forces and slips as Car.wheel_outputs, (7, 4)."""
+        return _by_columns(self.shown[..., _WHEELS_SHOWN], 7)
+
+    @property
+    def acceleration_slopes(self) -> tuple[Array, Array, Array]:
+        """Derivatives (6, k) as `accelerations_by_error` takes them."""
+        every = _by_columns(self._part("linearization")[..., COORDINATES:], COORDINATES)[..., :6, :]
+        q, u, around = len(DYNAMIC), COORDINATES, len(DISTURBANCES)
+        return every[..., :q], every[..., q : q + u], every[..., q + u : q + u + around]
+
+    @property
+    def wheel_slopes(self) -> tuple[Array, Array]:
+        """Derivatives (16, k) and (3, 14), as `wheels_by_error` takes them."""
+        end = self.shown.shape[-1] - 3 * COORDINATES
+        derivative, mass = self.shown[..., _WHEELS_SHOWN.stop : end], self.shown[..., end:]
+        return _by_columns(derivative, 16), _by_columns(mass, 3)
+
+    @property
+    def axle_distances(self) -> Array:
+        """Distances of the front and the rear axle from cog, (2,) [m]."""
+        return self._part("parameters").take(self.car.distances, axis=-1)
 
     @property
     def undetermined(self) -> Array:
@@ -284,6 +318,11 @@ class Estimate:
         return result
 
 
+def _by_columns(numbers: Array, rows: int) -> Array:
+    """Matrices (…, rows, k) that stand in the last axis of an array column by column."""
+    return numbers.reshape(*numbers.shape[:-1], -1, rows).swapaxes(-2, -1)
+
+
 def _on_map(covariance: Array) -> Array:
     """Covariance of position and attitude on the map (…, 6, 6), to first order: height, roll and pitch are those over
     the road and those of the road."""
@@ -310,14 +349,14 @@ def _cross(a: Array, b: Array) -> Array:
 def stacked(estimates: Sequence[Estimate]) -> Estimate:
     """Many estimates of one filter as one, whose stamp is that of the first."""
     first = estimates[0]
-    arrays: dict[str, Any] = {}
-    for f in fields(Estimate):
-        values = [getattr(e, f.name) for e in estimates]
-        if isinstance(values[0], np.ndarray):
-            arrays[f.name] = np.array(values)
-        elif f.name.endswith("slopes"):
-            arrays[f.name] = tuple(np.array(part) for part in zip(*values, strict=True))
-    return replace(first, **arrays)
+    arrays: dict[str, Any] = {
+        f.name: np.array([getattr(e, f.name) for e in estimates])
+        for f in fields(Estimate)
+        if isinstance(getattr(first, f.name), np.ndarray)
+    }
+    beliefs = [e.belief for e in estimates if e.belief is not None]
+    belief = Gaussian(*map(np.array, zip(*beliefs, strict=True))) if beliefs else None
+    return replace(first, belief=belief, **arrays)
 
 
 def with_missing_forces(

@@ -101,6 +101,11 @@ class FullCarBlocks(CarBlocks):
             return super().present()
         return self.plant.udot.copy(), self.plant.wheels
 
+    def shown(self) -> Array:
+        shown, (udot, wheels) = super().shown(), self.present()
+        shown[: udot.size], shown[udot.size : udot.size + wheels.size] = udot, wheels.ravel(order="F")
+        return shown
+
     def put_back(self) -> None:
         """Puts the full car where the filter is."""
         plant = self.plant

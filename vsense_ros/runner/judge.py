@@ -133,7 +133,9 @@ class Judges:
     def apart(self) -> Apart | None:
         """The widest of what is undecided for any of them; None for nothing."""
         undecided = [apart for judge in self._undecided if (apart := judge.apart) is not None]
-        return Apart(*map(max, zip(*undecided, strict=True))) if undecided else None
+        if len(undecided) > 1:
+            return Apart(*map(max, zip(*undecided, strict=True)))
+        return undecided[0] if undecided else None
 
     def forget(self, stamp: int) -> None:
         """The filter begins anew, at a time [ns]."""

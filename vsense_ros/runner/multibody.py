@@ -63,7 +63,6 @@ SETTINGS = CarAdapterSettings()
 _CONVERGED = np.array([[0.5, 0.5, 0.02], [1.0, 1.0, 0.04]])
 _TURNED_PLACE, _TURNED_YAW = 10.0, 0.1  # [m], [rad] deviations once the car has been turned around
 _LATERAL_FORCE = FORCE.start + Y  # element of the state
-_UNDECIDED = 0, 1, 5, 6, 7, 8  # elements of `Estimate.undecided` that an `Apart` is about
 
 
 class CarAxes(InertialAxes):
@@ -323,8 +322,8 @@ class CarAdapter(Adapter):
         return Estimate.of(stamp, self.filter)
 
     def widen_published(self, snapshot: Estimate, apart: Apart) -> None:
-        for element, deviation in zip(_UNDECIDED, apart, strict=True):
-            snapshot.undecided[element] = deviation**2
+        ahead, across, yaw_rate, place, heading, along = (deviation**2 for deviation in apart)
+        snapshot.undecided[:] = ahead, across, 0.0, 0.0, 0.0, yaw_rate, place, heading, along
 
     def vitals(self, snapshot: Estimate) -> Vitals:
         state = snapshot.state
@@ -345,7 +344,8 @@ class CarAdapter(Adapter):
 
     def watch(self, snapshot: Any, converged: Callable[[], bool]) -> None:
         passed, self._bent_at = max(snapshot.stamp - self._bent_at, 0) * 1e-9, snapshot.stamp
-        bend = abs(snapshot.state.item(YAW_RATE)) / max(abs(snapshot.state.item(FORWARD)), SETTINGS.moving)
+        state = snapshot.state
+        bend = abs(state.item(YAW_RATE)) / max(abs(state.item(FORWARD)), SETTINGS.moving)
         self._bend = max(bend, self._bend * exp(-passed / DOUBT.corrected))
         snapshot.bend[...] = self._bend
         self.balance.compare(snapshot)
