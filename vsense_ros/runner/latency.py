@@ -100,15 +100,18 @@ class _Motion:
         """Append rows (n, 4) in the order of their times, of which turn and gain are rates, where they are not
         `integrals` already, and forget what is older than a time [s]."""
         rows = np.concatenate([self.newest, rows])
-        ahead = np.diff(rows[:, 0], prepend=-np.inf) > 0
-        rows = rows[ahead]
+        goes_on = np.ones(len(rows), dtype=bool)
+        goes_on[1:] = rows[1:, 0] > rows[:-1, 0]
+        if not goes_on.all():
+            rows = rows[goes_on]
         if len(rows) < 2:
             return
-        steps = np.diff(rows[:, 0])[:, None]
+        steps = rows[1:, :1] - rows[:-1, :1]
         values = rows[:, 1:3]
-        changes = np.where(integrals, np.diff(values, axis=0), 0.5 * (values[1:] + values[:-1]) * steps)
+        changes = np.where(integrals, values[1:] - values[:-1], 0.5 * (values[1:] + values[:-1]) * steps)
         begin = self.rows[-1:, 1:3] if len(self.rows) else np.where(integrals, values[:1], 0.0)
-        more = np.column_stack([rows[1:, 0], begin + np.cumsum(changes, axis=0), rows[1:, 3]])
+        more = rows[1:].copy()
+        more[:, 1:3] = begin + np.cumsum(changes, axis=0)
         self.newest = rows[-1:]
         joined = np.concatenate([self.rows, more])
         self.rows = joined[np.searchsorted(joined[:, 0], oldest) :]
@@ -129,7 +132,7 @@ class _Motion:
         for t, values in ((turned, rows[:, 1]), (rows[:, 0], rows[:, 2])):
             known = (ends[0] >= t[0]) & (ends[1] <= t[-1])
             for end in ends:
-                after = np.clip(np.searchsorted(t, end), 1, len(t) - 1)
+                after = np.minimum(np.maximum(np.searchsorted(t, end), 1), len(t) - 1)
                 known &= t[after] - t[after - 1] < LATENCY.longest_gap
             early, late = (np.interp(end, t, values) for end in ends)
             rates.append(np.where(known, (late - early) / span, np.nan))
@@ -212,9 +215,11 @@ class Latencies:
             heard.clear()
             order = np.argsort(stamps, kind="stable")
             rows = self._rows(i, (stamps[order] - self._begun) * 1e-9, values[order])
-            rows = rows[np.isfinite(rows).all(axis=1)]
+            known = np.isfinite(rows)
+            if not known.all():
+                rows = rows[known.all(axis=1)]
             if i == self._course:
-                rows[:, 1] = np.unwrap(np.concatenate([motion.newest[:, 1], rows[:, 1]]))[len(motion.newest) :]
+                rows[:, 1] = _unwrapped(np.concatenate([motion.newest[:, 1], rows[:, 1]]))[len(motion.newest) :]
             motion.integrate(rows, oldest, [i == self._course, i in (self._course, self._wheels)])
         self.doubt.compare(self._motions, {i: late.seconds for i, late in self.late.items()})
 
@@ -223,20 +228,20 @@ class Latencies:
         by how much the turn is later [s], (n, 4) of the readings of a sensor."""
         if index == self._inertial:
             values = self._sensors[index].in_axes_of_car(values)
-            return np.column_stack([times, values[:, 2], values[:, 3], 0 * times])
+            return _table(times, values[:, 2], values[:, 3])
         if index == self._wheels:
             speeds, track = self._car["rear_radius"] * values, 2 * self._car["rear_half_track"]
             turning = (speeds[:, 3] - speeds[:, 2]) / track
-            return np.column_stack([times, turning, np.median(speeds, axis=1), 0 * times])
+            return _table(times, turning, _middle_of_four(speeds))
         if index == self._course:
             speed = np.hypot(values[:, 0], values[:, 1])
             later = self._ahead / np.maximum(speed, LATENCY.slowest) - self._rear_slip() * speed
             course = np.where(speed > LATENCY.slowest, np.arctan2(values[:, 1], values[:, 0]), np.nan)
-            return np.column_stack([times, course, speed, later])
+            return _table(times, course, speed, later)
         speed = self._speed_at(times)
         gain, delay = self._single_track(np.maximum(speed, LATENCY.slowest))
         turning = np.where(speed > LATENCY.slowest, gain * values[:, 0], np.nan)
-        return np.column_stack([times, turning, 0 * times, delay])
+        return _table(times, turning, 0.0, delay)
 
     def _rear_slip(self) -> float:
         """Slip angle of the rear axle per lateral acceleration [rad s²/m]."""
@@ -383,6 +388,25 @@ class Latencies:
             else:
                 del self.late[i]
         return changed
+
+
+def _table(times: Array, turn: Array, gain: Array | float, later: Array | float = 0.0) -> Array:
+    """Rows (n, 4) of a motion."""
+    rows = np.empty((len(times), 4))
+    rows[:, 0], rows[:, 1], rows[:, 2], rows[:, 3] = times, turn, gain, later
+    return rows
+
+
+def _unwrapped(angles: Array) -> Array:
+    """Angles (n,) [rad] without jumps of a turn."""
+    jumps = np.abs(angles[1:] - angles[:-1]) >= np.pi
+    return np.unwrap(angles) if jumps.any() else angles
+
+
+def _middle_of_four(speeds: Array) -> Array:
+    """Median of each row (n, 4), NaN where any is NaN."""
+    in_order = np.sort(speeds, axis=1)  # NaN comes last
+    return np.where(np.isnan(in_order[:, 3]), np.nan, 0.5 * (in_order[:, 1] + in_order[:, 2]))
 
 
 def _agreed(lags: list[Late]) -> Late:

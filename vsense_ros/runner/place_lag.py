@@ -8,7 +8,7 @@ lever arm is in neither.
 
 from __future__ import annotations
 
-from collections import deque
+from array import array
 from dataclasses import dataclass
 from math import hypot, sqrt
 
@@ -37,17 +37,41 @@ class PlaceLagSettings:
 PLACE_LAG = PlaceLagSettings()
 
 
+class _Heard:
+    """The newest readings of one sensor, east and north, in order of arrival."""
+
+    def __init__(self) -> None:
+        self._stamps, self._values = array("q"), array("d")  # one after the other
+
+    def add(self, stamp: int, east: float, north: float) -> None:
+        """Take in a reading at a time [ns]."""
+        self._stamps.append(stamp)
+        self._values.append(east)
+        self._values.append(north)
+        if len(self._stamps) >= 2 * PLACE_LAG.most:
+            del self._stamps[: -PLACE_LAG.most], self._values[: -2 * PLACE_LAG.most]
+
+    def clear(self) -> None:
+        """Forget all."""
+        del self._stamps[:], self._values[:]
+
+    def newest(self) -> tuple[NDArray[np.int64], Array]:
+        """Stamps (n,) [ns] and values (n, 2)."""
+        stamps, values = self._stamps[-PLACE_LAG.most :], self._values[-2 * PLACE_LAG.most :]
+        return np.array(stamps, dtype=np.int64), np.array(values, dtype=float).reshape(-1, 2)
+
+
 class PlaceLag:
     """The newest fixes and velocities of one car, east and north, in the order of arrival."""
 
     def __init__(self) -> None:
-        self._heard: tuple[deque[tuple[int, float, float]], ...] = tuple(deque(maxlen=PLACE_LAG.most) for _ in "pv")
+        self._heard = _Heard(), _Heard()  # fixes and velocities
 
     def hear(self, event: Event, *, is_place: bool) -> None:
         """Take in a reading with the stamp that its message says."""
         east, north = event.value.tolist()[:2]
         if east == east and north == north:
-            self._heard[not is_place].append((event.stamp, east, north))
+            self._heard[not is_place].add(event.stamp, east, north)
 
     def forget(self) -> None:
         """Times count anew."""
@@ -58,10 +82,11 @@ class PlaceLag:
         """By how much fixes are later than velocities, with the standard deviation of that [s]; None where the newest
         readings do not show it."""
         s = PLACE_LAG
-        if any(len(heard) < 3 for heard in self._heard):
+        fixes, velocities = (heard.newest() for heard in self._heard)
+        if len(fixes[0]) < 3 or len(velocities[0]) < 3:
             return None
-        begun = self._heard[1][0][0]
-        (at, place), (times, velocity) = (_newest(heard, begun) for heard in self._heard)
+        begun = velocities[0].item(0)
+        (at, place), (times, velocity) = (_without_gap(*heard, begun) for heard in (fixes, velocities))
         both = (at >= times[0]) & (at <= times[-1])
         at, place = at[both], place[both]
         if len(at) < 3 or at[-1] - at[0] < s.least:
@@ -84,12 +109,11 @@ class PlaceLag:
         return seconds, hypot(sqrt(left * each / changes), s.error)
 
 
-def _newest(heard: deque[tuple[int, float, float]], begun: int) -> tuple[Array, Array]:
-    """Times [s] after one [ns] and values (n, 2) of the newest readings without a gap."""
-    stamps = np.array([stamp for stamp, *_ in heard])
+def _without_gap(stamps: NDArray[np.int64], values: Array, begun: int) -> tuple[Array, Array]:
+    """Times [s] after one [ns] and values (n, 2) of the newest readings without a gap, of those in order of arrival."""
     order = np.argsort(stamps, kind="stable")
-    times = (stamps[order] - begun) * 1e-9
-    values = np.array([value for _, *value in heard])[order]
+    times = (stamps[order] - begun).astype(np.float64) * 1e-9
+    values = values[order]
     there = np.diff(times, prepend=-np.inf) > 0
     there &= times > times[-1] - PLACE_LAG.window
     times, values = times[there], values[there]
