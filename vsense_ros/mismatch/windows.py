@@ -211,9 +211,10 @@ def build_dataset(
             )
         ]  # fmt: skip
         if not stretches:
+            seldom = _seldom(readings, used_sensors)
             remarks.append(
-                f"{name}: nowhere {WINDOWS.shortest:g} s of driving above {WINDOWS.slowest:g} m/s without a gap; "
-                f"{LEFT_OUT}"
+                f"{name}: nowhere {WINDOWS.shortest:g} s of driving above {WINDOWS.slowest:g} m/s without a gap"
+                f"{seldom}{silent if seldom else ''}; {LEFT_OUT}"
             )
         windows += stretches
     return Dataset(tuple(windows), used, tuple(r.name for r in recordings), tuple(remarks), road, on_map, sets_out)
@@ -293,6 +294,15 @@ def _speed(readings: Mapping[str, Readings], sensors: Mapping[str, SensorBase], 
         slow = what == "ground speed" and float(np.median(np.diff(speed.t))) > WINDOWS.slow_period
         return _between(speed, inertial) if slow and inertial is not None else speed
     return None
+
+
+def _seldom(readings: Mapping[str, Readings], sensors: Mapping[str, SensorBase]) -> str:
+    """Which topics that a window needs always come with gaps, in words; empty where none does."""
+    speeds = (name for what in SPEEDS if (name := best_measuring(sensors.items(), what)) is not None)
+    inputs = (best_measuring(sensors.items(), what) for what in INPUTS)
+    periods = {name: float(np.median(np.diff(readings[name].t))) for name in (next(speeds, None), *inputs) if name}
+    slow = (f"{sensors[n].topic} comes every {p:.2g} s" for n, p in periods.items() if p > WINDOWS.largest_gap)
+    return f" of {WINDOWS.largest_gap:g} s: {words}" if (words := ", ".join(slow)) else ""
 
 
 def _between(speed: Readings, imu: Readings) -> Readings:
