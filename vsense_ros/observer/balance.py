@@ -82,11 +82,12 @@ class Balance:
             self._heard, self._value = event.stamp, event.value.copy()
             return
         present = np.isfinite(event.value)
-        if silent and (present != self._has).any():
+        same = present.tobytes() == self._has.tobytes()  # far quicker than a comparison of six elements
+        if silent and not same:
             self.settle()
-            self._has, self._measured = present, self._measured_by(present)
+            self._has, self._measured, same = present, self._measured_by(present), True
             self._complete, self._comparable = bool(present.all()), bool(self._measured.any())
-        if not (self._has & ~present).any():
+        if same or not (self._has & ~present).any():
             self._heard, self._value = event.stamp, np.where(self._has, event.value, _AT_REST)
 
     def _measured_by(self, present: NDArray[np.bool_]) -> NDArray[np.bool_]:

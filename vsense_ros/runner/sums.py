@@ -29,7 +29,8 @@ class Sums:
     def __init__(self, axes: int, conditions: int = 0) -> None:
         m = axes + conditions
         self.alarm = np.array([VOTE.alarm] * axes + [VOTE.alarm_of_conditions] * conditions)
-        rows, blocks = np.tile(self.alarm**2, (VOTE.rows, 2)), np.zeros((len(_ADDED), 2 * m))
+        self._limit = self.alarm**2
+        rows, blocks = np.tile(self._limit, (VOTE.rows, 2)), np.zeros((len(_ADDED), 2 * m))
         self._components, self._rows, self._blocks = m, rows, blocks
         self._values = [row[:m] for row in rows]
         self._first = [rows[:k] for k in range(VOTE.rows + 1)]
@@ -42,7 +43,7 @@ class Sums:
     @property
     def counts(self) -> Array:
         """How many innovations each sum is of (4, m)."""
-        return np.rint(self._limits / self.alarm**2)
+        return np.rint(self._limits / self._limit)
 
     def clear(self) -> None:
         """Forget everything."""
@@ -67,9 +68,8 @@ class Sums:
         if not isfinite(total.dot(total)):
             values = self._first[row][:, : self._components]
             there = values == values
-            self._sums[place][:] = np.hstack(
-                [np.where(there, values, 0.0).sum(axis=0), there.sum(axis=0) * self.alarm**2]
-            )
+            _sum(np.where(there, values, 0.0), axis=0, out=total)
+            np.multiply(_sum(there, axis=0), self._limit, out=self._sums[place][self._components :])
         np.dot(_ADDED[place], self._blocks, out=self._windows)
         self._block = place + 1 if place + 1 < len(_ADDED) else 0
         self._row, self._until, self.begun = 0, stamp + VOTE.block, True
