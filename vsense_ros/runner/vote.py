@@ -352,14 +352,8 @@ class Vote:
         ballots = recount.ballots(self.confirmed)
         if not ballots:
             return
-        best = max((one for one in ballots if len(one.left) == 1), key=lambda one: one.gain)
-        enough, suspect = VOTE.gain, VOTE.suspect
-        if best.disagreement > VOTE.disagree:  # no single axis is what is wrong, but several at once may be
-            together = [one for one in ballots if one.gain > enough and one.disagreement <= VOTE.disagree]
-            ballots = together or ballots
-            best = max(together, key=lambda one: one.gain, default=best)
-        elif best.axes.sums.far()[SHORT, best.left[0]] > VOTE.own:
-            enough = suspect = VOTE.gain_with_own
+        ballots, best, far = self._likeliest(ballots)
+        enough, suspect = (VOTE.gain_with_own,) * 2 if far else (VOTE.gain, VOTE.suspect)
         if best.gain < suspect or best.disagreement > VOTE.disagree:
             return
         self._pause = VOTE.first_pause
@@ -377,6 +371,16 @@ class Vote:
         self._loud.clear()
         for others in self.axes.values():
             others.sums.clear()
+
+    @staticmethod
+    def _likeliest(ballots: list[Ballot]) -> tuple[list[Ballot], Ballot, bool]:
+        """Those that come into question, and the best of them: without a single axis, or without several at once where
+        no single one is what is wrong. The third is true if that axis is far from what is expected by itself."""
+        best = max((one for one in ballots if len(one.left) == 1), key=lambda one: one.gain)
+        if best.disagreement <= VOTE.disagree:
+            return ballots, best, bool(best.axes.sums.far()[SHORT, best.left[0]] > VOTE.own)
+        together = [one for one in ballots if one.gain > VOTE.gain and one.disagreement <= VOTE.disagree]
+        return together or ballots, max(together, key=lambda one: one.gain, default=best), False
 
     def _undo(self, timeline: Timeline, since: int, axes: Axes, axis: int, value: float | None = None) -> None:
         """Go on from a time as if an axis had not said anything, or not this value."""
