@@ -36,6 +36,7 @@ class Hardware:
 
     def __init__(self, folder: Path, kernel: Registered, *, size: int = 16384, answers: bool = True) -> None:
         self.kernel, self.answers, self.resets = kernel, answers, 0
+        self.lost = 0  # bytes of a result that do not come
         self.table: np.ndarray | None = None
         (folder / "phys_addr").write_text(f"{PHYSICAL:#x}\n")
         (folder / "size").write_text(f"{size}\n")
@@ -76,6 +77,7 @@ class Hardware:
         else:
             result, refused = kernel.run(words, self.table)
             assert dma[0x58 // 4] == 4 * kernel.words_out
+            dma[0x58 // 4] -= self.lost
             at = (dma[0x48 // 4] - PHYSICAL) // 4
             np.frombuffer(self.memory, np.uint32)[at : at + kernel.words_out] = result
             of[AT["STATUS"]] = Status.PIVOT if refused else Status.OK
@@ -164,13 +166,7 @@ def test_a_dma_that_stops_is_told_without_waiting(tmp_path: Path) -> None:
 def test_a_result_that_came_in_part_is_none(tmp_path: Path) -> None:
     """The DMA says how many bytes came: the others are those of an earlier result."""
     hardware = Hardware(tmp_path, SOLVE_14)
-    request = hardware.request
-
-    def short() -> None:
-        request()
-        hardware.dma[0x58 // 4] -= 4
-
-    hardware.request = short  # type: ignore[method-assign]
+    hardware.lost = 4
     with running(hardware) as driver, pytest.raises(TimeoutError, match="of 56 bytes of a result 52 came"):
         driver.run(np.eye(14, 15, dtype=np.float32).reshape(-1).view(np.uint32), soon())
 
