@@ -633,7 +633,7 @@ def test_a_node_goes_through_its_lifecycle_on_request(
             return client.call(ChangeState, "gps_driver/change_state", request).success
 
         def state() -> str:
-            return client.call(GetState, "gps_driver/get_state", GetState.Request()).current_state.label
+            return client.ask(GetState, "gps_driver/get_state", GetState.Request()).current_state.label
 
         def send() -> None:
             today = time.strftime("%d%m%y", time.gmtime())
