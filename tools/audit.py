@@ -81,7 +81,7 @@ def _bound(event: dict[str, str]) -> Version:
 
 
 def _within(events: list[dict[str, str]], version: Version) -> bool:
-    """Whether a version lies in a range of OSV: affected from `introduced` on, to before `fixed` or with
+    """True if a version lies in a range of OSV: affected from `introduced` on, to before `fixed` or with
     `last_affected`."""
     inside = False
     for event in sorted(events, key=_bound):

@@ -39,7 +39,7 @@ def test_one_core_estimates_what_several_do() -> None:
 
 
 def test_a_disk_that_is_full_is_said_and_leaves_the_results_that_were_there(tmp_path: Path) -> None:
-    def full() -> None:  # no file grows beyond so much, which is told as by a full disk: by an error of the write
+    def full() -> None:  # no file grows beyond so much: a write fails, as it does on a full disk
         signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
         resource.setrlimit(resource.RLIMIT_FSIZE, (20_000, 20_000))
 

@@ -632,7 +632,7 @@ def test_a_signal_that_one_size_for_all_of_the_road_leaves_off_may_be_how_the_ro
 def test_an_interval_is_about_its_size_and_wider_than_what_the_windows_agree_in(value, spread):
     low, high = interval(value, spread)
     assert (low + high) / 2 == pytest.approx(value, abs=1e-9)
-    assert (high - low) / 2 >= 1.64 * max(spread, THRESHOLDS.size_error * abs(value))
+    assert (high - low) / 2 >= 1.64 * max(spread, 0.12 * abs(value))
 
 
 def test_of_a_set_the_effect_that_is_likelier_absent_than_present_is_not_named_but_said_besides():

@@ -68,7 +68,7 @@ class Aided(Filter):
                 self.reckoning = Reckoning(axes, list(self.driving), numbers)
         self.inputs, self.names, self.sensors = self.filter.inputs, self.filter.names, tuple(sensors)
         self._of_axes: OfAxes | None = None  # made when it is needed
-        self._of_measurements: OfMeasurements | None = None  # likewise
+        self._of_measurements: OfMeasurements | None = None  # made when it is needed
         names_of_parts = [system.inputs for system, _ in definition.parts.values()]
         self._noise = [_variances(names, numbers) for names in names_of_parts]
         self._reckoned = [_inertial_inputs(names) for names in names_of_parts]

@@ -46,7 +46,7 @@ namespace. Parameters take effect when a node is configured; those marked *live*
     ros2 run vsense_ros observer --help
 
 Several nodes may share a process and its executor, in a program of a few lines (`test/node/test_one_process.py` runs
-this one). Their parameters are told apart by the name of the node, as `-p observer:vehicle:=genesis`.
+this one). Parameters are given with the name of their node, as `-p observer:vehicle:=genesis`.
 
     spin.init(sys.argv)
     stop = spin.Stop()  # by SIGINT or SIGTERM
