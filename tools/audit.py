@@ -119,7 +119,11 @@ def main(arguments: list[str]) -> int:
     if len(arguments) != 1 or arguments[0].startswith("-"):
         sys.exit(__doc__)
     packages = locked(LOCK.read_text(encoding="utf-8"))
-    known = list(advisories(Path(arguments[0])))
+    try:
+        known = list(advisories(Path(arguments[0])))
+    except (OSError, zipfile.BadZipFile, ValueError) as error:
+        print(f"{arguments[0]}: no folder or archive of advisories in the format of OSV: {error}", file=sys.stderr)
+        return 2
     hits = [f"{n} {packages[canonicalize_name(n)]}: {one['id']}" for one in known for n in affects(one, packages)]
     print(f"{len(packages)} packages, {len(known)} advisories, {len(hits)} that name one of them", *hits, sep="\n")
     return 1 if hits or not known else 0

@@ -194,21 +194,28 @@ print(len({name for name, status, _ in answers if status == 0}))
 """
 
 
+def kinds_of_calls_done(
+    program: str, units: dict[int, Path], vehicle: Vehicle, version: int, folder: Path, seed: int
+) -> int:
+    """How many kinds of calls a unit has done that a program in another process made, which ended well."""
+    with zipfile.ZipFile(units[version]) as archive:
+        (binary,) = (name for name in archive.namelist() if name.endswith(".so"))
+        archive.extract(binary, folder)
+    unit = running(units, vehicle, version)
+    size = len(unit.save()) - 4 * len(unit.unit.sensors)
+    unit.close()
+    command = [sys.executable, "-c", program, str(folder / binary), fmu.Unit(vehicle).token(version)]
+    done = subprocess.run([*command, str(size), str(seed)], capture_output=True, text=True)
+    assert done.returncode == 0, done.stderr[-800:]
+    return int(done.stdout)
+
+
 @pytest.mark.exam
 @pytest.mark.parametrize("seed", range(8))
 def test_calls_in_any_order_are_refused_or_done_and_never_end_the_process(
     units: dict[int, Path], vehicle: Vehicle, tmp_path: Path, seed: int
 ) -> None:
-    with zipfile.ZipFile(units[2]) as archive:
-        (binary,) = (name for name in archive.namelist() if name.endswith(".so"))
-        archive.extract(binary, tmp_path)
-    unit = running(units, vehicle, 2)
-    size = len(unit.save()) - 4 * len(unit.unit.sensors)
-    unit.close()
-    command = [sys.executable, "-c", _CALLS_IN_ANY_ORDER, str(tmp_path / binary), fmu.Unit(vehicle).token(2)]
-    done = subprocess.run([*command, str(size), str(seed)], capture_output=True, text=True)
-    assert done.returncode == 0, done.stderr[-800:]
-    assert int(done.stdout) > 5  # kinds of calls that were done
+    assert kinds_of_calls_done(_CALLS_IN_ANY_ORDER, units, vehicle, 2, tmp_path, seed) > 5
 
 
 _CALLS_OF_A_HOST_THAT_LIES = """
@@ -263,16 +270,7 @@ print(len({name for name, status, _ in answers if status == 0}))
 def test_a_host_that_lies_about_itself_and_calls_what_is_not_offered_ends_no_process(
     units: dict[int, Path], vehicle: Vehicle, tmp_path: Path, seed: int
 ) -> None:
-    with zipfile.ZipFile(units[3]) as archive:
-        (binary,) = (name for name in archive.namelist() if name.endswith(".so"))
-        archive.extract(binary, tmp_path)
-    unit = running(units, vehicle, 3)
-    size = len(unit.save()) - 4 * len(unit.unit.sensors)
-    unit.close()
-    command = [sys.executable, "-c", _CALLS_OF_A_HOST_THAT_LIES, str(tmp_path / binary), fmu.Unit(vehicle).token(3)]
-    done = subprocess.run([*command, str(size), str(seed)], capture_output=True, text=True)
-    assert done.returncode == 0, done.stderr[-800:]
-    assert int(done.stdout) > 5  # kinds of calls that were done
+    assert kinds_of_calls_done(_CALLS_OF_A_HOST_THAT_LIES, units, vehicle, 3, tmp_path, seed) > 5
 
 
 def test_a_damaged_state_is_refused(units: dict[int, Path], vehicle: Vehicle) -> None:
