@@ -30,9 +30,12 @@ def prototype() -> Vehicle:
     return load_vehicle(vehicle_path("prototype_model"))
 
 
-def driven(seconds: float = 180.0, *, ratio: float = 1.0, rear: float = 1.0, ahead: float = 0.0) -> CarFit:
+def driven(
+    seconds: float = 180.0, *, ratio: float = 1.0, rear: float = 1.0, ahead: float = 0.0, stray: float = 0.0
+) -> CarFit:
     """The fit after a drive of a linear single track, integrated by SciPy, whose steering ratio is `ratio` times the
-    file's, whose rear axle is `rear` times as stiff, and whose antenna sits so much further `ahead` [m]."""
+    file's, whose rear axle is `rear` times as stiff, and whose antenna sits so much further `ahead` [m]. A `stray`
+    velocity [m/s] of the antenna comes once in a block of regression."""
     n = car_numbers(prototype())
     front_stiffness, rear_stiffness = n["front_stiffness"], rear * n["rear_stiffness"]
     a, b = n["to_front"], n["to_rear"]
@@ -62,6 +65,8 @@ def driven(seconds: float = 180.0, *, ratio: float = 1.0, rear: float = 1.0, ahe
             course = heading + atan2(slip + (ARM + ahead - b) * rate, v)
             noise = rng.normal(0.0, 0.02, 2)
             fit.travel(stamp, v * cos(course) + noise[0], v * sin(course) + noise[1])
+        if stray and i == 503:
+            fit.travel(stamp, stray, 0.0)
         felt = sum(forces(now, slip, rate)) / n["mass"] + rng.normal(0.0, 0.05)
         fit.feel(stamp, STEP, rate + BIAS + rng.normal(0.0, 0.002), felt, v, ratio * angle(now - STEP / 2))
     return fit
@@ -111,6 +116,12 @@ def test_where_the_antenna_sits_is_known_within_its_deviation(ahead):
     further, deviation = driven(60.0, ahead=ahead).further
     assert abs(further - ahead) < 3 * deviation
     assert deviation < 0.5 * CAR_FIT.place_spread
+
+
+@pytest.mark.parametrize("stray", [np.inf, 1e300, 100.0])
+def test_a_velocity_that_is_not_the_cars_does_not_move_the_antenna(stray):
+    (further, deviation), undisturbed = driven(60.0, stray=stray).further, driven(60.0).further
+    assert abs(further - undisturbed[0]) < deviation < 1.5 * undisturbed[1]
 
 
 def test_an_antenna_is_as_uncertain_as_the_file_until_bends_show_where_it_sits():

@@ -171,6 +171,15 @@ def test_a_lag_is_doubted_until_readings_show_that_there_is_none_or_it_is_taken_
         assert driven(late, seconds=20.0).doubt.lags[0] < 0.05
 
 
+@pytest.mark.parametrize("rate", [np.nan, np.inf, 1e300])
+def test_a_yaw_rate_that_no_car_has_leaves_the_doubt_as_it_was(rate: float) -> None:
+    doubt = driven({}, seconds=0.2).doubt
+    doubt.feel(100 * SECOND, 0.01, (0.1, 0.1), SPEED)
+    before = doubt.apart
+    doubt.feel(101 * SECOND, 0.01, (rate, 0.1), SPEED)
+    assert doubt.apart == before
+
+
 @pytest.mark.parametrize("late", [0.0, 0.3])
 def test_the_lag_of_fixes_is_found_beside_velocities_that_have_a_bias(late: float) -> None:
     fixes, rng = PlaceLag(), np.random.default_rng(SEED)

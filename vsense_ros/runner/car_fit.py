@@ -49,6 +49,7 @@ class CarFitSettings:
     linear: float = 4.0  # [m/s²] lateral acceleration up to which tyres are as a single track has them
     asked: int = 1_000_000_000  # [ns] from one look at whether all sensors are believed to the next
     apart: float = 0.095  # [s] between two courses
+    faster: float = 2.0  # [-] times the car's speed beyond which a velocity over ground is none of the car
     unlike: float = 9.0  # [-] mean square of the residuals of a block over their median, that is left out
     quick_block: float = 4.0  # [s] of the blocks that tell a steering ratio which is grossly another one
     quick_least: int = 2  # [-] such blocks before that is concluded
@@ -244,11 +245,10 @@ class CarFit:
             return None
         t, east, north = np.array(inside).T
         heading = np.interp(t, ends, [one.heading for one in steps])
-        rate, felt = (
-            np.interp(t, times, values) for values in zip(*((one.rate, one.felt) for one in steps), strict=True)
-        )
+        means = zip(*((one.rate, one.felt, one.speed) for one in steps), strict=True)
+        rate, felt, own = (np.interp(t, times, values) for values in means)
         speed = np.hypot(east, north)
-        if not speed.min() > CAR_FIT.slowest:
+        if not (speed.min() > CAR_FIT.slowest and (speed < CAR_FIT.faster * own).all()):
             return None
         y = np.unwrap(np.arctan2(north, east)) - heading
         x = np.column_stack([t - t[0], heading, -rate, rate / speed, -self._slips(felt, self._rear)])

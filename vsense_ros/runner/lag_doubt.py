@@ -51,6 +51,8 @@ class LagDoubtSettings:
     fades: float = 20.0  # [s] in which an offset between two sensors and the noise are found
     # Standard deviations of a difference of two sensors before it is known: of turn [rad/s] and gain of speed [m/s²].
     noise: tuple[float, float] = (0.01, 0.2)
+    # Of a car at most, in these units: readings beyond say nothing of a lag, and their squares need not be finite.
+    most: tuple[float, float] = (20.0, 100.0)
     sideways: float = 0.4  # [-] share of a velocity that is turned by a lag, which the filter believes
     over: float = 0.2  # [s] in which rates of the motion are taken
     corrected: float = 4.0  # [s] in which a filter corrects velocity, heading and place
@@ -173,13 +175,15 @@ class LagDoubt:
             for motion, rates in enumerate(
                 zip(*(there[i].rates(times + late.get(i, 0.0), span) for i in pair), strict=True)
             ):
-                if np.isfinite(rates).all() and (pair, motion) in self._pairs:
+                if (np.abs(rates) < DOUBT.most[motion]).all() and (pair, motion) in self._pairs:
                     self._pairs[pair, motion].take_in(*rates)
         self.lags = self._widest()
 
     def feel(self, stamp: int, h: float, yaw_rates: tuple[float, float], speed: float) -> None:
         """Take in how the car moves at a time [ns], `h` [s] after the last one, and how it turns by gyro and steering,
-        of which one may be the later one [rad/s]."""
+        of which one may be the later one [rad/s]. Nothing is taken in while one of them is none of a car."""
+        if not all(abs(one) < DOUBT.most[TURN] for one in yaw_rates):
+            return
         while self._recent and stamp - self._recent[0][0] > 1.5e9 * DOUBT.over:
             self._recent.popleft()
         self._recent.append((stamp, yaw_rates, speed))
