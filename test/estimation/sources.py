@@ -23,6 +23,7 @@ class Gyro:
     frame_id: str = "body"
     geodetic: bool = False
     noisy: bool = True
+    states_noise: bool = True
     least_stated: float = 0.5
     latency: float = 0.0
     timeout: float = 1.0

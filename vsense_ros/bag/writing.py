@@ -79,7 +79,9 @@ class BagWriter:
         if kind != description.kind:
             raise InputError(f"{topic}: was {description.kind} so far, now {kind}; a topic has one type")
         if log_time < 0:
-            raise InputError(f"{topic}: time {log_time} ns is before 1970")
+            raise InputError(
+                f"{topic}: time {log_time} ns is before 1970; in a mapping, start of time is the date it counts from"
+            )
         file = self._file
         if file.begun and (0 < self._split_size <= file.size or 0 < self._split_duration <= log_time - file.first):
             self.split()

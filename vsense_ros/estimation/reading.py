@@ -104,6 +104,8 @@ class Reader:
 
     def stated(self, variance: Array) -> StatedNoise:
         """The noise that counts with a measurement that has these variances (m,)."""
+        if not self._sensor.states_noise:  # what `read` makes of a value is no statement of a message
+            return StatedNoise(self.noise(self._usual), 1.0)
         known = self._usual > 0
         ratio = float(np.max(np.sqrt(variance[known] / self._usual[known]), initial=0.0))
         return StatedNoise(self.noise(variance), ratio, self.too_sure)
@@ -111,7 +113,8 @@ class Reader:
     def noise(self, variance: Array) -> str:
         """In words, the standard deviations that count with a measurement that has these variances (m,), and whose
         they are."""
-        stated, of_file = (self._sensor.noise_in_words(np.sqrt(v)) for v in (variance, self._usual))
+        counts = variance if self._sensor.states_noise else self._usual
+        stated, of_file = (self._sensor.noise_in_words(np.sqrt(v)) for v in (counts, self._usual))
         if not of_file:
             return ""
         return f"{of_file}, of the vehicle file" if stated == of_file else f"{stated}, of its messages; file {of_file}"

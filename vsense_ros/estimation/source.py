@@ -17,6 +17,7 @@ class Source(Protocol):
     message: ClassVar[str]  # message type
     geodetic: ClassVar[bool]  # True: `read` finds `east` and `north` [m] beside latitude and longitude
     noisy: ClassVar[bool]  # True: noise makes equal messages in a row impossible
+    states_noise: ClassVar[bool]  # False: its messages have no place for standard deviations
     least_stated: ClassVar[float]  # share of `deviations` below which the one that a message states does not count
 
     @property

@@ -23,13 +23,16 @@ from vsense_ros.bag.importers.guess_topics import topics_of
 from vsense_ros.bag.importers.long_table import LongTable
 from vsense_ros.checks.examination import findings
 from vsense_ros.checks.finding import Finding, Kind, Turn
+from vsense_ros.checks.reason import Reason
 from vsense_ros.checks.sentences import sentence
+from vsense_ros.checks.units import GRAVITY
 from vsense_ros.driver.can_frames import UNIX
 from vsense_ros.errors import InputError
 from vsense_ros.messages import units
 from vsense_ros.messages.topics import TOPICS
 
 _NO_DATE = "no date in it: its times count from 1970 (key start of time)"
+_SECOND_DAY = "1970-01-02T00:00:00Z"  # stamps of messages are not before 1970
 _BAGS = ("mcap", "rosbag1", "rosbag2")  # importers whose mapping is one of topics
 _MOST_TURNS = 3  # rounds of reversing signs, each of which may show another one
 _LEAST_FORCE, _IN_G = 0.3, (0.06, 0.2)  # [m/s²] of lateral acceleration that shows its unit, and its ratio in g
@@ -70,6 +73,7 @@ def guess(path: Path, dbc: Path | None = None) -> Proposal:
         if signal is not None:
             _put(topics.setdefault(topic, {}), field, signal)
     _drop_halves(topics, remarks)
+    _velocities_alike(topics, remarks)
     if not topics:
         raise InputError(f"{path}: none of its columns has a name that is known; found: {', '.join(columns)[:600]}")
     content["topics"] = topics
@@ -191,6 +195,9 @@ def _time_of(
         raise InputError(f"{path}: no column of times that go on; its columns are {', '.join(table.header)[:600]}")
     _, _, dated, _, name, keys, unit = max(candidates, key=lambda one: one[:4])
     remarks = [] if dated else [_NO_DATE]
+    if not dated and (values := table.numbers(names.index(name))) is not None and np.nanmin(values) < 0:
+        keys = {**keys, "start": _SECOND_DAY}
+        remarks[0] = f"no date in it, and times before zero: they count from {_SECOND_DAY}"
     if keys["unit"] in ("s", "ms", "us", "100us") and not unit:
         remarks.append(f"{name}: no unit is stated; {keys['unit']} by its name, its size and its steps")
     return name, keys, remarks
@@ -227,6 +234,8 @@ def _signal(name: str, topic: str, field: str, stated: str, values: Array, remar
         "longitude": "deg",
         "altitude": "m",
         "speed": "km/h" if largest > 90 else "m/s",
+        "forward": "km/h" if largest > 90 else "m/s",
+        "left": "m/s",  # as forward, in the end
         "course": "deg" if largest > 7 else "rad",
         "position.steering_wheel": "deg" if largest > 15 else "rad",
         "position.road_wheel_front": "deg" if largest > 1 else "rad",
@@ -264,6 +273,20 @@ def _drop_halves(topics: dict[str, Any], remarks: list[str]) -> None:
             if topic == "gps/velocity" and "speed" in alone:
                 topics["vehicle/velocity"] = {"speed": alone["speed"]}
                 remarks.append("a speed without a course becomes vehicle/velocity")
+
+
+def _velocities_alike(topics: Mapping[str, Any], remarks: list[str]) -> None:
+    """A velocity to the left that states no unit has that of the one forward; say what a reference is for."""
+    for topic in ("reference/odometry", "vehicle/velocity"):
+        if "left" in (fields := topics.get(topic, {})):
+            forward, left = fields["forward"], fields["left"]
+            if any(remark.startswith(f"{left['column']}: no unit") for remark in remarks):
+                left["unit"] = forward["unit"]
+            if topic == "reference/odometry":
+                remarks.append(
+                    f"{forward['column']}, {left['column']}: taken for a reference, which estimates are compared with; "
+                    "as vehicle/velocity they would correct them"
+                )
 
 
 def _axes_without_gravity(topics: dict[str, Any], remarks: list[str]) -> None:
@@ -316,8 +339,22 @@ def _turn_signs(path: Path, content: dict[str, Any], remarks: list[str]) -> None
             remarks.append(f"{signal['column']}: reversed, as {sentence(finding)}")
             turned = True
         if not turned:
+            reported = [one for one in reported if not _with_gravity(content["topics"], one, remarks)]
             remarks += [f"look at {f.topic}: {sentence(f)}" for f in reported if f.kind is not Kind.SIGN]
             return
+
+
+def _with_gravity(topics: Mapping[str, Any], finding: Finding, remarks: list[str]) -> bool:
+    """Add gravity to a vertical acceleration that lacks it, if that is what a finding says."""
+    forces = topics.get(finding.topic, {}).get("linear_acceleration")
+    if finding.reason is not Reason.NO_GRAVITY or not forces or forces[2] is None or "sign" in forces[2]:
+        return False
+    forces[2]["offset"] = round(GRAVITY / units.to_si(forces[2]["unit"]), 5)
+    remarks.append(
+        f"{forces[2]['column']}: gravity is added, which an accelerometer feels; along the other axes of a tilted car "
+        "0.17 m/s² of it per degree stay absent"
+    )
+    return True
 
 
 def _turn_axes(content: dict[str, Any], findings: Sequence[Finding], remarks: list[str]) -> bool:

@@ -55,6 +55,14 @@ _AXIS = {
 }
 _GPS = r"(?:gps|gnss|location|ins)"
 _ROAD_WHEEL = r"(?:road ?wheel ?(?:steer(?:ing)? )?angle|delta|df)"
+_VELOCITY = r"(?:v|vel|velocity|speed|geschwindigkeit)"
+# Velocities in the axes of the car, which mean something together.
+_AXES_OF_CAR = {
+    "forward": re.compile(
+        rf"(?:.* )?(?:{_VELOCITY} ?(?:x|long?|longitudinal|forward)|(?:long?|longitudinal|forward) {_VELOCITY})"
+    ),
+    "left": re.compile(rf"(?:.* )?(?:{_VELOCITY} ?(?:y|lat|lateral)|(?:lat|lateral) {_VELOCITY})"),
+}  # fmt: skip
 _SPEED = r"(?:speed|velocity|sog|ground ?speed|geschwindigkeit|spd)(?: (?:2d|over ground|horizontal))?"
 
 
@@ -147,7 +155,36 @@ def meanings(headings: Mapping[str, Heading]) -> dict[tuple[str, str], str]:
                 names[named.topic, named.field] = name
     for wheel, name in _wheels({name: own for name, own in headings.items() if name not in names.values()}).items():
         names["vehicle/wheel_speeds", f"velocity.wheel_{wheel}"] = name
+    _add_velocities(names, headings)
     return names
+
+
+def _add_velocities(names: dict[tuple[str, str], str], headings: Mapping[str, Heading]) -> None:
+    """Add velocities forward and to the left: beside another speed they are a reference, else a measurement."""
+    pair = {field: _velocity(expression, headings) for field, expression in _AXES_OF_CAR.items()}
+    if not all(pair.values()):
+        return
+    alone = ("gps/velocity", "speed")
+    if names.get(alone) == pair["forward"] and ("gps/velocity", "course") not in names:
+        del names[alone]
+    if not set(pair.values()).isdisjoint(names.values()):
+        return
+    has_other = alone in names or any(topic == "vehicle/wheel_speeds" for topic, _ in names)
+    names.update({("reference/odometry" if has_other else "vehicle/velocity", k): name for k, name in pair.items()})
+
+
+def _velocity(expression: re.Pattern[str], headings: Mapping[str, Heading]) -> str:
+    """The first column whose name is such a velocity; empty if there is none."""
+    return next(
+        (
+            name
+            for name, own in headings.items()
+            if expression.fullmatch(own.words)
+            and not _OTHER_THINGS.search(own.words)
+            and units.quantity_of(own.unit) in (None, "number", "velocity")
+        ),
+        "",
+    )
 
 
 def _wheels(headings: Mapping[str, Heading]) -> dict[str, str]:

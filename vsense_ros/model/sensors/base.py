@@ -182,6 +182,7 @@ class SensorBase(Part):
     awaited: ClassVar[float] = 0.0  # [s] for which a filter that could start waits for the first message
     # How its errors look.
     noise_fields: ClassVar[Names] = ("noise",)  # that state its standard deviations; without them it has none
+    states_noise: ClassVar[bool] = True  # False: its messages have no place for standard deviations
     # A message's standard deviation below this share of the vehicle file's does not count: a thousandth of it is a
     # number that somebody put there, no measurement.
     least_stated: ClassVar[float] = 1e-3
@@ -326,6 +327,7 @@ class JointSensor(SensorBase):
     """A sensor of as many numbers as it has `joints`, all in one field of a JointState; any of them may be absent."""
 
     message: ClassVar[str] = "sensor_msgs/msg/JointState"
+    states_noise: ClassVar[bool] = False
     field: ClassVar[str]  # position, velocity or effort
 
     def read(self, names: Names, values: Values, out: Vector, variance: Vector) -> None:

@@ -20,7 +20,9 @@ from vsense_ros.model.sensors.base import (
     MeasuredQuantity,
     Names,
     Quantity,
+    Values,
     Vector,
+    by_name,
     joint_state,
 )
 from vsense_ros.model.sensors.simulated import Content, Sampling, SimulatedDrive
@@ -70,6 +72,10 @@ class WheelSpeeds(JointSensor):
     kind: Literal["wheel_speeds"] = "wheel_speeds"
     topic: str = "vehicle/wheel_speeds"
     noise: float = parameter("rad/s", "standard deviation", gt=0, default=0.05)
+    lowest: float = parameter(
+        "rad/s", "slowest speed that it measures: zero stands for any that is slower, with this standard deviation "
+        "(passive sensors 2 to 5, active ones 0 to 2)", ge=0, le=20, default=2.0,
+    )  # fmt: skip
     radius_error: float | None = parameter(
         "-", "standard deviation of the relative error of each wheel's radius beyond that which all have in common; "
         f"default: {SPREAD:g} of observer.surroundings.radius_error", ge=0, default=None,
@@ -95,13 +101,23 @@ class WheelSpeeds(JointSensor):
     def deviations(self) -> Vector:
         return np.full(len(self.joints), self.noise)
 
+    def read(self, names: Names, values: Values, out: Vector, variance: Vector) -> None:
+        super().read(names, values, out, variance)
+        if 0.0 in out.tolist():
+            variance[out == 0] += self.lowest**2
+
+    def read_rows(self, names: Names, columns: Values, out: Vector, variance: Vector) -> None:
+        by_name(names, self.joints, columns[self.field].T, out.T)
+        variance[out == 0] += self.lowest**2
+
     def equation(self, motion: Motion, biases: ca.SX, mounting: ca.SX) -> ca.SX:
         return motion.spin * (1 - biases) if biases.numel() else motion.spin
 
     def simulated(self, drive: SimulatedDrive) -> Content:
         """The truth and noise: radii of a simulated car are those of its vehicle file."""
         value = drive.truth + self.deviations() * drive.rng.standard_normal(drive.truth.shape)
-        return joint_state(self.field, drive.digitized(value), self.joints)
+        measured = np.where(np.abs(value) < self.lowest, 0.0, value)
+        return joint_state(self.field, drive.digitized(measured), self.joints)
 
     def first_speed(self, value: Vector, physics: NominalPhysics) -> float | None:
         return float(np.nanmean(value) * physics.rear.unloaded_radius * LOADED)
