@@ -271,6 +271,19 @@ def test_joints_are_found_by_name_and_missing_ones_are_absent():
     assert_allclose(out, [1, 2, 3, 4])
 
 
+def test_a_wheel_that_reads_zero_may_turn_as_fast_as_its_sensor_does_not_measure():
+    sensor, names = WheelSpeeds(lowest=1.5), ("wheel_fl", "wheel_fr", "wheel_rl", "wheel_rr")
+    speeds = np.array([[0.0, -0.0, 3.0, np.nan], [1.6, 0.0, 2.0, 3.0]])
+    values, variances = np.empty((2, 4)), np.full((2, 4), 0.01)
+    sensor.read_rows(names, {"velocity": speeds}, values, variances)
+    assert_allclose(variances, np.where(speeds == 0, 0.01 + 1.5**2, 0.01))
+    for row, variance in zip(speeds, variances, strict=True):
+        out, alone = np.empty(4), np.full(4, 0.01)
+        sensor.read(names, {"velocity": row}, out, alone)
+        assert_allclose(out, row)
+        assert_allclose(alone, variance)
+
+
 @pytest.mark.parametrize(
     ("sensor", "names", "position", "expected"),
     [
