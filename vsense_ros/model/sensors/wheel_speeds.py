@@ -49,7 +49,7 @@ def _difference_axles(value: Vector, radius: float) -> Vector:
 
 
 class WheelSpeeds(JointSensor):
-    """Spin speeds [rad/s]; any wheel may be absent."""
+    """Spin speeds [rad/s]; any wheel may be absent, and one that reads zero has the variance noise² + lowest²."""
 
     joints: ClassVar[Names] = NAMES
     field: ClassVar[str] = "velocity"
