@@ -35,6 +35,7 @@ from vsense_ros.checks.units import (
     position_range,
     rolling,
     steering_range,
+    steering_size,
     yaw_rate,
 )
 
@@ -258,11 +259,30 @@ def test_a_steering_angle_that_is_large_for_how_the_car_turns_is_in_degrees(name
         assert finding.evidence["ratio"] > (2.0 if name == "road_wheel_front" else 40.0)
 
 
+@pytest.mark.parametrize("others", [GNSS_SIGNALS, (*WHEEL_SIGNALS, "wz")])
+@pytest.mark.parametrize(
+    ("name", "factor", "named"),
+    [
+        ("steering_wheel", 1.0, False), ("steering_wheel", 6 / 16, False), ("steering_wheel", -25 / 16, False),
+        ("steering_wheel", 1 / 16, True),  # that of the road wheels
+        ("steering_wheel", 1 / 8 / np.pi, True),  # a share of two turns
+        ("road_wheel_front", 1.0, False), ("road_wheel_front", 16.0, True),
+    ],
+)  # fmt: skip
+def test_a_steering_angle_in_which_no_car_turns_so_is_another_part_s(name, factor, named, others):
+    signals = Drive(turning=0.2).signals()
+    subject = subject_of({**only(signals, *others), name: factor * signals[name]})
+    found = list(steering_size(subject, []))
+    assert reasons(found) == ([Reason.STEERING_TURNS] if named else [])
+    assert [finding.signal for finding in found] == [name] * named
+    assert list(steering_size(subject, found)) == []
+
+
 def test_a_steering_angle_that_is_unlike_the_turning_has_no_size():
     signals = Drive().signals()
     subject = subject_of({**only(signals, *GNSS_SIGNALS), "steering_wheel": 1000 * signals["wx"]})
     subject.recording = steered(steering_wheel=1.0).recording
-    assert list(steering_range(subject, [])) == []
+    assert list(steering_range(subject, [])) == list(steering_size(subject, [])) == []
 
 
 def fixes(latitude: float, longitude: float) -> Subject:

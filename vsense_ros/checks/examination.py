@@ -47,8 +47,8 @@ def frames(subject: Subject, _: Sequence[Finding]) -> Iterator[Finding]:
 
 # Units and sizes of single signals, and of those that GNSS shows.
 OF_UNITS: tuple[Check, ...] = (
-    units.gravity, units.yaw_rate, units.rolling, units.steering_range, units.position_range, values.position_jumps,
-    units.brake_pressure,
+    units.gravity, units.yaw_rate, units.rolling, units.steering_range, units.steering_size, units.position_range,
+    values.position_jumps, units.brake_pressure,
 )  # fmt: skip
 OF_MOTION: tuple[Check, ...] = (
     frames, values.frozen_steering, consistency.turning, consistency.gyro_axes, consistency.axes_in_plane,

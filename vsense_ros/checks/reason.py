@@ -31,6 +31,10 @@ class Reason(Enum):
     WHEEL_RATIO = "{signal} turns {ratio:.2f} times as fast as the others"
     STEERING_RANGE = "{signal} reaches {largest:.1f} rad, which no car does: is it in degrees?"
     STEERING_SIZE = "{signal} is {ratio:.0f} s times the yaw rate, which is too much for rad: is it in degrees?"
+    STEERING_TURNS = (
+        "{signal} would turn a usual car {ratio:.2g} times as much as this one turns: is it the angle of another part, "
+        "or a share of the lock?"
+    )
     POSITION_RANGE = "latitude or longitude is out of range: expected degrees"
     POSITION_ZERO = "latitude and longitude are near zero: are they radians, or is there no fix?"
     PRESSURE_SIZE = "reaches {largest:.1f} Pa only, which brakes nothing: is it in bar or kPa?"

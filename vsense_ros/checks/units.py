@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vsense_ros.checks.finding import Confidence, Finding, Kind, Scale
-from vsense_ros.checks.motion import GNSS, GYRO, WHEELS, Motion
+from vsense_ros.checks.motion import GNSS, GYRO, ROAD_WHEEL, STEERING_WHEEL, WHEELS, Motion
 from vsense_ros.checks.motion import SETTINGS as MOTION
 from vsense_ros.checks.reason import Reason
 from vsense_ros.checks.roles import Role
@@ -47,6 +47,11 @@ class UnitSettings:
     correlation: float = setting(0.6, "-", "of a signal and the turning of GNSS by which it is judged")
     road_wheel_ratio: float = setting(2.0, "s", "steering angle over yaw rate, (wheelbase / speed + understeer)")
     steering_wheel_ratio: float = setting(40.0, "s", "likewise, times the steering ratio")
+    steering_turns: tuple[float, float] = setting(
+        (0.2, 5.0),
+        "-",
+        "turning by a steering angle over the true one, by a usual ratio and wheelbase; racing cars 2, lorries 0.5",
+    )
     in_degrees: tuple[float, float] = setting((30.0, 100.0), "-", "ratio of a rate in deg/s to the turning")
     by_gnss: tuple[float, float] = setting((0.5, 2.0), "-", "ratio of a right yaw rate to the turning of GNSS")
     by_wheels: tuple[float, float] = setting((0.3, 3.0), "-", "likewise, to that of wheels on an unknown track")
@@ -172,6 +177,21 @@ def steering_range(subject: Subject, _: Sequence[Finding]) -> Iterator[Finding]:
                     steering.topic, Kind.UNIT, Reason.STEERING_SIZE, name, GNSS,
                     evidence={"ratio": matched.ratio}, mend=mend,
                 )  # fmt: skip
+
+
+def steering_size(subject: Subject, before: Sequence[Finding]) -> Iterator[Finding]:
+    """Steering angles in which no car of any ratio turns as this one: in another unit, or of another part."""
+    motion, topic = subject.motion, subject.topics.get(Role.STEERING)
+    reference = None if motion is None else motion.first_turning(GNSS, GYRO, WHEELS)
+    if motion is None or topic is None or reference is None:
+        return
+    low, high = SETTINGS.steering_turns
+    for name in (STEERING_WHEEL, ROAD_WHEEL):
+        known = any(one.topic == topic and one.signal == name for one in before)
+        matched = None if known or name not in motion.turns else motion.compared(motion.turns, name, reference)
+        if matched is None or abs(matched.best) < SETTINGS.size_correlation or low < matched.ratio < high:
+            continue
+        yield Finding(topic, Kind.UNIT, Reason.STEERING_TURNS, name, reference, evidence={"ratio": matched.ratio})
 
 
 def yaw_rate(subject: Subject, _: Sequence[Finding]) -> Iterator[Finding]:
