@@ -6,6 +6,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 
 from vsense_ros.errors import InputError
 from vsense_ros.files.vehicle import load_vehicle
@@ -13,6 +14,7 @@ from vsense_ros.manoeuvre.receivers import RECEIVERS, with_receiver
 from vsense_ros.manoeuvre.sensing import record
 from vsense_ros.messages.recording import Recording
 from vsense_ros.model.sensors.base import Transmission
+from vsense_ros.model.sensors.gnss_attitude import GnssAttitude
 from vsense_ros.model.simulation.closed_loop import Trajectory, rolling_straight, simulate
 from vsense_ros.model.vehicle import Vehicle
 
@@ -99,3 +101,18 @@ def test_the_errors_of_the_steering_sensor_are_those_of_its_file(saloon: Vehicle
     error = recorded(turn, car).channels["vehicle/steering"].columns["position"][:, 0] - 17.58 * 0.06
     assert abs(error.mean()) < 5 * 0.003 / np.sqrt(len(error))
     assert np.std(error) == pytest.approx(0.003, rel=0.15)
+
+
+def test_two_antennas_give_the_direction_of_their_base_line_with_the_noise_of_the_file(
+    saloon: Vehicle, turn: Trajectory
+) -> None:
+    bus = Transmission(period=0.01)
+    antennas = GnssAttitude(yaw=1.2, noise=0.02, transmission=bus)
+    channel = recorded(turn, saloon.model_copy(update={"sensors": saloon.sensors | {"antennas": antennas}})).channels[
+        "gps/attitude"
+    ]
+    seen = Rotation.from_quat(channel.columns["orientation"]).as_euler("ZYX")[:, 0]
+    error = np.angle(np.exp(1j * (seen - turn.q[::10, 5] - 1.2)))
+    assert np.std(error) == pytest.approx(0.02, rel=0.2)  # of 300 values
+    assert abs(np.mean(error)) < 0.005
+    assert channel.columns["orientation_covariance"][0, 8] == pytest.approx(0.02**2)

@@ -19,12 +19,13 @@ from vsense_ros.model.sensors.base import (
     covariance_diagonal,
 )
 from vsense_ros.model.sensors.gnss import Receiver
+from vsense_ros.model.sensors.simulated import Content, Sampling, SimulatedDrive
 
 
 class GnssAttitude(Receiver):
     """Yaw in the map [rad], as cosine and sine so that no wrap is needed.
 
-    Cosine and sine mean nothing one by one, so it has no components. A simulation has one antenna, and gives none.
+    Cosine and sine mean nothing one by one, so it has no components.
     """
 
     message: ClassVar[str] = "sensor_msgs/msg/Imu"
@@ -35,6 +36,8 @@ class GnssAttitude(Receiver):
         Quantity("heading.cos", "-", "cosine of the heading, counterclockwise from east"),
         Quantity("heading.sin", "-", "sine of the heading, counterclockwise from east"),
     )
+
+    sampling: ClassVar[Sampling | None] = Sampling(100, 0, 100, (2**-20,), own_clock=True)
 
     kind: Literal["gnss_attitude"] = "gnss_attitude"
     topic: str = "gps/attitude"
@@ -64,6 +67,22 @@ class GnssAttitude(Receiver):
     def equation(self, motion: Motion, biases: ca.SX, mounting: ca.SX) -> ca.SX:
         heading = motion.yaw + mounting[0]
         return ca.vertcat(ca.cos(heading), ca.sin(heading))
+
+    def simulated(self, drive: SimulatedDrive) -> Content:
+        true = np.arctan2(drive.truth[:, 1], drive.truth[:, 0])
+        half = (true + self.noise * drive.rng.standard_normal(len(drive)))[:, None] / 2
+        absent = drive.repeated([-1, *[0] * 8])
+        return Content(
+            {
+                "orientation": drive.digitized(np.hstack([0 * half, 0 * half, np.sin(half), np.cos(half)])),
+                # Two antennas one behind the other see no roll, and their pitch is not used.
+                "orientation_covariance": drive.repeated([1, 0, 0, 0, 1, 0, 0, 0, self.noise**2]),
+                "angular_velocity": drive.repeated([0, 0, 0]),
+                "angular_velocity_covariance": absent,
+                "linear_acceleration": drive.repeated([0, 0, 0]),
+                "linear_acceleration_covariance": absent,
+            }
+        )
 
     def heading(self, value: Vector, variance: Vector) -> tuple[float, float] | None:
         cosine, sine = value
