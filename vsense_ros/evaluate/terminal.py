@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import time
 from collections.abc import Callable, Collection, Iterable, Iterator
 from contextlib import contextmanager
@@ -37,9 +38,10 @@ class PlainConsole(Console):
 
 
 def console(*, stderr: bool = False) -> Console:
-    """A console as wide as the terminal, and wide enough for the tables where there is none."""
+    """A console as wide as the terminal or as COLUMNS says, and wide enough for the tables where neither is known."""
     output = PlainConsole(stderr=stderr)
-    return output if output.is_terminal else PlainConsole(stderr=stderr, width=PIPE_WIDTH)
+    known = output.is_terminal or "COLUMNS" in os.environ
+    return output if known else PlainConsole(stderr=stderr, width=PIPE_WIDTH)
 
 
 def say(text: str) -> None:
