@@ -15,7 +15,7 @@ from rich.table import Table
 
 from studies import leung, leung_models
 from studies.leung_study import estimate
-from vsense_ros.assess.drives import PLANT, Case, Errors, digest, drive_plant, trajectory
+from vsense_ros.assess.drives import PLANT, Bus, Case, Errors, digest, drive_plant, trajectory
 from vsense_ros.evaluate.terminal import plain_table
 from vsense_ros.files.installed import vehicle_path
 from vsense_ros.files.vehicle import load_vehicle, save_vehicle
@@ -40,7 +40,7 @@ class Change:
 
 @dataclass(frozen=True)
 class Outcome:
-    """A figure of a table: printed, ours, and with a change."""
+    """A figure of a table: printed (NaN if it is not), ours, and with a change."""
 
     change: str
     table: str
@@ -109,6 +109,10 @@ EXPERIMENTS: Sequence[tuple[Change, tuple[tuple[str, str, str], ...]]] = (
     (
         Change("no CAN bus", errors=replace(leung.ON_THE_BUS, bus=None)),
         (("4.2", "DO45", "psi N"), ("4.2", "LC35", "psi N")),
+    ),
+    (
+        Change("a CAN bus without delay", errors=replace(leung.ON_THE_BUS, bus=Bus(delay=0.0))),
+        (("5.5", "DO55", "beta SPI N"),),
     ),
     (
         Change("sensors without noise", noise=0.0),
@@ -190,7 +194,6 @@ def table(found: Sequence[Outcome]) -> Table:
     heads = ("table", "row", "figure", "thesis", "ours", "changed")
     made = plain_table("change", *heads, right=heads[3:])
     for one in found:
-        made.add_row(
-            one.change, one.table, one.row, one.column, f"{one.printed:.3g}", f"{one.ours:.3g}", f"{one.changed:.3g}"
-        )
+        figures = ("–" if np.isnan(value) else f"{value:.3g}" for value in (one.printed, one.ours, one.changed))
+        made.add_row(one.change, one.table, one.row, one.column, *figures)
     return made
