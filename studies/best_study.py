@@ -124,7 +124,7 @@ def _largest(values: Array) -> float:
 
 
 def _of(values: Array, like: Information) -> Information:
-    return Information(like.names, values, like.prior, like.scaled)
+    return Information(like.names, values, like.prior, like.scaled, form=like.form)
 
 
 def content(made: Study) -> dict[str, Any]:

@@ -14,7 +14,7 @@ from vsense_ros.files.installed import vehicle_path
 from vsense_ros.files.vehicle import load_vehicle
 from vsense_ros.identification import best
 from vsense_ros.identification.identification import check_free
-from vsense_ros.identification.information import information, refusals
+from vsense_ros.identification.information import Information, information, refusals
 from vsense_ros.identification.online import OnlineIdentification
 from vsense_ros.identification.open_loop import OpenLoop
 from vsense_ros.identification.rinsing import Drive, rinse
@@ -45,6 +45,12 @@ def test_free_roll_centres_cannot_be_told_apart_from_the_height_of_the_car(drive
     without = best.identifier(PAPER, FREE)
     told = information(without, [drive], without.begin(), best.prior(PAPER, FREE))
     assert "cog_height" not in {refusal.name for refusal in refusals(told, best_4dof.JUDGED_BY_CURVE)}
+
+
+def test_no_longer_drive_makes_a_parameter_surer_than_errors_of_form_leave_it() -> None:
+    endless = Information(("a", "b"), np.array([2.0, 3.0]), np.ones(2), 1e12 * np.eye(2), form=np.array([0.012, 0.005]))
+    assert endless.deviations == pytest.approx([0.024, 0.015], rel=1e-3)
+    assert endless.without("a").deviations == pytest.approx([0.015], rel=1e-3)
 
 
 def test_sensitivities_are_what_small_changes_make(drive: Drive) -> None:

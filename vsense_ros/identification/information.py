@@ -43,7 +43,7 @@ INFORMATION = InformationSettings()
 @dataclass(frozen=True)
 class Information:
     """Information about the parameters `names` at `values` (p,), with prior deviations (p,): `scaled` information D I D
-    (p, p). Deviations include errors of form, which no longer drive makes less (`INFORMATION.form_share`).
+    (p, p). Deviations include errors of form, which no longer drive makes less (`form`).
 
     Where the slopes of the log-likelihood of the pieces of the drives are known, `pieces` (c, p), scaled likewise,
     deviations are those of an estimate by a model that is not right, if they are larger (White 1982).
@@ -55,6 +55,7 @@ class Information:
     scaled: Array
     disagreement: float = 1.0  # of the pieces of the drive, by which the information was divided
     pieces: Array | None = None
+    form: Array | float = INFORMATION.form_share  # (p,) or of all, shares of their values
 
     @property
     def covariance(self) -> Array:
@@ -86,7 +87,7 @@ class Information:
 
     def deviation_of(self, gradient: Array) -> float:
         """Standard deviation of a function of the parameters with this gradient (p,)."""
-        form = float(np.sum((INFORMATION.form_share * self.values * gradient) ** 2))
+        form = float(np.sum((self.form * self.values * gradient) ** 2))
         right = float(np.sqrt(gradient @ self.covariance @ gradient + form))
         if self.pieces is None:
             return right
@@ -123,6 +124,7 @@ class Information:
         return Information(
             tuple(self.names[i] for i in remaining), self.values[remaining], self.prior[remaining], self.scaled[square],
             self.disagreement, None if self.pieces is None else self.pieces[:, remaining],
+            self.form[remaining] if isinstance(self.form, np.ndarray) else self.form,
         )  # fmt: skip
 
     def pairs(self) -> list[tuple[str, str, float]]:
@@ -183,7 +185,9 @@ def _with_score(
         for belief_of_piece in filter_pass.beliefs
     ]
     overconfidence = disagreement(np.diff(vectors, axis=0), scaled)
-    return Information(identifier.free, values, prior, scaled / overconfidence, overconfidence), score / overconfidence
+    form = np.array([identifier.form.get(name, INFORMATION.form_share) for name in identifier.free])
+    found = Information(identifier.free, values, prior, scaled / overconfidence, overconfidence, form=form)
+    return found, score / overconfidence
 
 
 def disagreement(added: Array, scaled: Array) -> float:

@@ -164,7 +164,8 @@ Curves = Callable[[Mapping[str, float]], Array]  # parameters by name → curves
 class Identifier:
     """A model, values for all its parameters, and the names of those that are free. `scales` (p,) are sizes of the free
     parameters: deviations are shares of these; by default their values. `drifts` (p,) [unit/√s] let them change on the
-    way.
+    way. `form` has the shares of their values by which errors of form make some of them wrong, where these are not the
+    usual ones.
 
     Raises `InputError` for an unknown name, one without a size, and where nothing is free.
     """
@@ -181,13 +182,14 @@ class Identifier:
         scales: Sequence[float] | Array | None = None,
         drifts: Sequence[float] | Array | None = None,
         bounds: Mapping[str, tuple[float, float]] | None = None,
+        form: Mapping[str, float] | None = None,
     ) -> None:
         if not free:
             raise InputError("there is no free parameter: nothing to identify")
         if unknown := [name for name in free if name not in values]:
             raise InputError(f"there is no parameter {unknown[0]!r}; there are: {', '.join(values)}")
         self.model, self.values, self.free, self.noise, self.kind = model, dict(values), tuple(free), noise, kind
-        self.curves = curves
+        self.curves, self.form = curves, form or {}
         ends = [(bounds or {}).get(name, (-np.inf, np.inf)) for name in free]
         self.low, self.high = np.array(ends).T
         self._check_start()
