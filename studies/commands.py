@@ -6,6 +6,7 @@ from pathlib import Path
 
 import click
 
+from studies.healthy import healthy
 from studies.leung_command import leung
 from studies.literature.command import literature
 from vsense_ros.cli.common import NEW_FILE, NEW_FOLDER, Commands, load_car, warn
@@ -22,6 +23,7 @@ def main() -> None:
     """Tables of the papers that the project follows, and examinations of the observers by its authors."""
 
 
+main.add_command(healthy)
 main.add_command(leung)
 main.add_command(literature)
 

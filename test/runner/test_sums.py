@@ -38,12 +38,12 @@ def test_sums_are_those_of_the_innovations_of_the_last_blocks(seed, blocks, each
             np.testing.assert_array_equal(sums.counts[place], np.isfinite(last).sum(axis=0))
 
 
-def test_how_far_a_sum_is_counts_in_its_standard_deviations():
+def test_how_far_a_sum_is_counts_in_what_it_usually_is():
     sums = Sums(2)
     for i in range(60):
         sums.add((i + 1) * BLOCK, np.array([1.0, -0.5]))
-    assert sums.far()[:, 0] == pytest.approx(np.sqrt(WINDOWS))
-    assert sums.far()[:, 1] == pytest.approx(0.5 * np.sqrt(WINDOWS))
+    assert sums.far()[:, 0] == pytest.approx(np.sqrt(WINDOWS / sums.usual[:, 0]))
+    assert sums.far()[:, 1] == pytest.approx(0.5 * np.sqrt(WINDOWS / sums.usual[:, 1]))
     assert WINDOWS[SHORT] * BLOCK == 0.2 * SECOND
 
 
@@ -90,6 +90,21 @@ def test_what_is_forgotten_is_in_no_sum():
     assert not sums.totals.any()
     sums.add(22 * BLOCK, np.array([1.0, 2.0]))
     assert sums.counts.tolist() == [[1.0, 1.0]] * 4
+
+
+def test_what_sums_usually_are_is_learnt_within_a_minute_and_not_from_a_single_large_one():
+    rng, blocks = np.random.default_rng(1), 60 * SECOND // BLOCK
+    sums, coloured = Sums(2), 0.0
+    for i in range(blocks):
+        coloured = 0.9 * coloured + rng.normal()  # of variance 1/(1 - 0.9²)
+        sums.add((i + 1) * BLOCK, np.array([rng.normal(), coloured]))
+    assert sums.usual[:, 0] == pytest.approx(np.ones(4), abs=0.8)
+    assert sums.usual[0, 1] == pytest.approx(1 / (1 - 0.81), rel=0.4)
+    before = sums.usual.copy()
+    for i in range(10):
+        sums.add((blocks + i + 1) * BLOCK, np.array([100.0, 0.0]))
+    assert np.all(sums.usual[:, 0] < 1.1 * before[:, 0])
+    assert sums.far()[0, 0] > 50.0
 
 
 def believed(*seconds: float) -> Placement:

@@ -10,10 +10,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vsense_ros.estimation.timeline import Channel
-from vsense_ros.runner.sums import Sums
+from vsense_ros.runner.sums import WINDOWS, Sums
 from vsense_ros.runner.vote_settings import VOTE
 
 Array = NDArray[np.float64]
+
+FROZEN = "is frozen"
 
 
 @dataclass
@@ -23,6 +25,8 @@ class Out:
     since: int  # [ns]
     why: str
     decided: int  # [ns] when it was left out
+    far: Array = field(default_factory=lambda: np.zeros(len(WINDOWS)))  # its sums were then [usual deviations]
+    heard: int = 0  # when it has last appealed against that [ns]
     agreed_from: int = 0  # [ns]
     count: int = 0
     squares: float = 0.0
@@ -49,6 +53,7 @@ class Axes:
     gate: float  # largest normalized innovation squared of one component
     out: dict[int, Out] = field(default_factory=dict)
     wait: dict[int, int] = field(default_factory=dict)  # how long an axis must agree next time [ns]
+    believed: dict[int, int] = field(default_factory=dict)  # since when an axis that was out is not any more [ns]
     refused_from: dict[int, tuple[int, int, int]] = field(default_factory=dict)  # first, last [ns], how many
     sums: Sums = field(init=False)
     newest: deque[Array] = field(default_factory=lambda: deque(maxlen=VOTE.frozen))  # as they came
@@ -59,6 +64,19 @@ class Axes:
     def __post_init__(self) -> None:
         m = len(self.words)
         self.sums, self.held = Sums(m, self.conditions), np.ones(m)
+
+    def believe(self, axis: int, now: int) -> None:
+        """Believe an axis that was out, at a time [ns]."""
+        del self.out[axis]
+        self.believed[axis] = now
+
+    def leave_out(self, axis: int, out: Out) -> None:
+        """Do not believe an axis any more. One that was right for long need not agree longer than at first."""
+        if out.decided - self.believed.get(axis, out.decided) > VOTE.learnt:
+            self.wait.pop(axis, None)
+        self.out[axis] = out
+        self.refused_from.pop(axis, None)
+        self.sums.forget(axis)
 
     @property
     def present(self) -> list[int]:

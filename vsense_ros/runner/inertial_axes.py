@@ -42,6 +42,14 @@ class InertialAxes:
             alone[axis] = event.value[axis]
             yield axis, self.filter.correct(channel.name, alone, event.variance, gate)
 
+    def believe(self, channel: Channel, event: Event, axis: int) -> bool:
+        """Let one axis of an inertial reading correct the filter however far it is from what was expected; False if the
+        filter cannot."""
+        alone = np.full_like(event.value, np.nan)
+        alone[axis] = event.value[axis]
+        self.filter.correct(channel.name, alone, event.variance, np.inf)
+        return True
+
     def innovation_of_axis(self, channel: Channel, event: Event, axis: int) -> Innovation:
         """Innovation of one axis, which leaves the filter as it is."""
         alone = np.full_like(event.value, np.nan)

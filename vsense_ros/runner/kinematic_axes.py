@@ -78,6 +78,9 @@ class KinematicAxes(InertialAxes):
                 alone[place] = far
                 yield place, Innovation(alone, all_of_it.factor, far**2, place not in refused)
 
+    def believe(self, channel: Channel, event: Event, axis: int) -> bool:
+        return False
+
     def innovation_of_axis(self, channel: Channel, event: Event, axis: int) -> Innovation:
         innovation = self.filter.innovation_of_axis(self._of_car[axis], self.in_axes_of_car(event), event.variance)
         return self._in_axes_of_sensor(innovation)

@@ -36,12 +36,27 @@ class Ballot(NamedTuple):
     left: list[int]
     against: float = 0.0
     by_place: float = 0.0
+    largest: float = 0.0
 
     def is_split(self, spared: Collection[tuple[int, int]]) -> bool:
         """True if the others do not agree that the axes are wrong: some are predicted much worse without them, or only
-        the model says so, which is known to be wrong where axes are `spared`."""
+        the model says so, which is known to be wrong where axes are `spared`. Nor do they where nearly all of the gain
+        is of one component: of two that contradict each other either may be wrong, or the model between them."""
+        if len(self.left) == 1 and self.gain - self.largest < VOTE.second * self.gain:
+            return True
         only_model = any((self.axes.index, axis) in spared for axis in self.left) and self.by_place < VOTE.gain
         return self.against > VOTE.suspect or only_model
+
+
+class Belief(NamedTuple):
+    """What follows from an axis that is believed.
+
+    `gain` is twice the logarithm of what the likelihood of all others gains; other axes of its sensor, which may be
+    wrong like it, can only speak against it. `own` is the mean square of the whitened innovations of the axis.
+    """
+
+    gain: float
+    own: float
 
 
 class Recount:
@@ -88,7 +103,7 @@ class Recount:
         without = None if everybody is None else self._scores((axes.index, left))
         if everybody is None or without is None:
             return Ballot(-np.inf, np.inf, axes, left)
-        gain, disagreement, against, by_place = 0.0, 0.0, 0.0, 0.0
+        gain, disagreement, against, by_place, largest = 0.0, 0.0, 0.0, 0.0, 0.0
         for index, score in everybody.items():
             if index in self._without_vote:
                 continue
@@ -97,12 +112,28 @@ class Recount:
                 pair = np.delete(pair, left, axis=2)
             gains = pair[0, 0] - pair[1, 0]
             gain += float(gains.sum())
+            largest = max(largest, float(gains.max(initial=0.0)))
             against -= float(np.minimum(gains, 0.0).sum())
             if self._adapter.measures(index) & _OF_PLACE:
                 by_place += float(gains.sum())
             _, squares, count = pair[1].sum(axis=1).tolist()
             disagreement = max(disagreement, squares / max(count, 1.0))
-        return Ballot(gain, disagreement, axes, left, against, by_place)
+        return Ballot(gain, disagreement, axes, left, against, by_place, largest)
+
+    def believing(self, axes: Axes, axis: int) -> Belief:
+        """What follows if an axis that is out had been believed."""
+        without, believed = self.everybody, self._scores(None, believed=(axes.index, axis))
+        if without is None or believed is None or axes.index not in believed:
+            return Belief(-np.inf, np.inf)
+        gain = elsewhere = 0.0
+        for index, score in without.items():
+            gains = score[0] - believed[index][0]
+            if index == axes.index:
+                gain += float(np.delete(gains, axis).sum())
+            elif index not in self._without_vote:
+                elsewhere += float(gains.sum())
+        _, squares, count = believed[axes.index][:, axis].tolist()
+        return Belief(min(gain, 0.0) + elsewhere, squares / count if count else np.inf)
 
     def steering_explains(self, best: Ballot) -> bool:
         """True if a wrong steering angle explains what all have measured, the axis that seems wrong included, better
@@ -143,9 +174,15 @@ class Recount:
                 found, most = index, gain
         return found
 
-    def _scores(self, without: tuple[int, list[int]] | None, free: int | None = None) -> Scores | None:
+    def _scores(
+        self,
+        without: tuple[int, list[int]] | None,
+        free: int | None = None,
+        believed: tuple[int, int] | None = None,
+    ) -> Scores | None:
         """The scores as if some axes of one sensor had not been there; or as if the steering had not been, whose error
-        is the element `free` of the state."""
+        is the element `free` of the state; or as if one axis of a sensor had been `believed`, however far it was from
+        what was expected."""
         found: dict[int, list[tuple[Array, Array]]] = {}  # by sensor: whitened innovations and their deviations
         timeline, widened = self._timeline, self._since
 
@@ -162,16 +199,22 @@ class Recount:
                 if free is None or "steering" not in self._adapter.measures(event.sensor):
                     self._adapter.give(channel, event)
                 return
-            axes = self._axes.get(event.sensor)
+            axes, gate = self._axes.get(event.sensor), np.inf
+            if believed is not None and event.sensor == believed[0] and event.whole is not None:
+                whole, axis = event.whole, believed[1]
+                event = Event(event.sensor, event.stamp, event.value.copy(), event.variance)
+                event.value[axis] = whole[axis]
             if without is not None and event.sensor == without[0]:
                 event = Event(event.sensor, event.stamp, event.value.copy(), event.variance)
                 event.value[without[1]] = np.nan
             if axes is None:
                 innovation = self._adapter.correct(channel, event)
             else:
-                innovation = self._adapter.inertial.correct(channel, event, axes.gate)
+                if believed is None or event.sensor != believed[0]:
+                    gate = axes.gate
+                innovation = self._adapter.inertial.correct(channel, event, gate)
             seen = found.setdefault(event.sensor, [])
-            if axes is None or not innovation.nis > axes.gate:
+            if axes is None or not innovation.nis > gate:
                 seen.append(_copied(innovation))
                 return
             for _, alone in self._adapter.inertial.correct_by_axis(channel, event, axes.gate):

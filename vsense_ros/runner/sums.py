@@ -1,4 +1,9 @@
-"""Sums of whitened innovations over several times (Mehra 1970): if a filter is right, they are normal numbers."""
+"""Sums of whitened innovations over several times (Mehra 1970): if a filter is right, they are normal numbers.
+
+No filter of a real car is quite right. What it leaves over of this axis of this car, on this road, is what the sums
+usually are: their mean square with forgetting (covariance matching, Mehra 1972), which is learnt before an axis is
+judged by them. A model that is usually off by three deviations accuses nobody of ten.
+"""
 
 from __future__ import annotations
 
@@ -22,6 +27,8 @@ class Sums:
     """Sums of the whitened innovations of a sensor over the last blocks: `totals` and `counts` (4, m) for each of
     `WINDOWS`, where m are its axes and the conditions behind them.
 
+    `usual` (4, m) is the mean square of each sum, in variances that the filter states, 1 where it is less.
+
     It is called with every message: all views are made ahead, and beside its total each component has its number times
     its `alarm`², so that one product gives the limit of each squared sum.
     """
@@ -39,6 +46,7 @@ class Sums:
         self.totals, self._limits = self._windows[:, :m], self._windows[:, m:]
         self._square, self._beyond = np.zeros((len(WINDOWS), m)), np.zeros((len(WINDOWS), m), dtype=bool)
         self._row, self._block, self._until, self.begun = 0, 0, 0, False
+        self.usual, self._axes, self._seen = np.ones((len(WINDOWS), m)), axes, 0
 
     @property
     def counts(self) -> Array:
@@ -73,9 +81,21 @@ class Sums:
         np.dot(_ADDED[place], self._blocks, out=self._windows)
         self._block = place + 1 if place + 1 < len(_ADDED) else 0
         self._row, self._until, self.begun = 0, stamp + VOTE.block, True
-        np.square(self.totals, out=self._square)
+        np.divide(np.square(self.totals, out=self._square), self.usual, out=self._square)
+        self._seen += 1
+        if self._seen >= WINDOWS[SHORT]:
+            self._learn()
         return bool(np.count_nonzero(np.greater(self._square, self._limits, out=self._beyond)))
 
+    def _learn(self) -> None:
+        """Take in what the sums of the axes are now; a single large one says little of what they usually are."""
+        self._seen, axes = 0, slice(self._axes)
+        usual, counts = self.usual[:, axes], self.counts[:, axes]
+        square = self._square[:, axes] / np.maximum(counts, 1.0) * usual
+        share = VOTE.block * WINDOWS.item(SHORT) / VOTE.learnt
+        change = np.where(counts > 0, np.minimum(square, VOTE.unusual * usual) - usual, 0.0)
+        np.maximum(usual + share * change, 1.0, out=usual)
+
     def far(self) -> Array:
-        """How far each sum is from zero (4, m) [standard deviations]."""
-        return np.asarray(np.abs(self.totals) / np.sqrt(np.maximum(self.counts, 1.0)))
+        """How far each sum is from zero (4, m) [usual deviations]."""
+        return np.asarray(np.abs(self.totals) / np.sqrt(np.maximum(self.counts, 1.0) * self.usual))

@@ -21,16 +21,19 @@ of the car. An axis of an inertial sensor, a gyro or an accelerometer, is judged
    add up to `own` standard deviations: two tests then say the same. The filter then goes back to before the
    contradiction, and on without the axis.
 
-The others must agree. If the readings that are predicted worse without the axis lose more than `suspect`, the model is
+Deviations are those that innovations usually have (`sums`): no filter of a real car is as good as it states.
+
+The others must agree. Where nearly all of the gain is of a single component, two contradict each other, or the model
+between them is wrong. If the readings that are predicted worse without the axis lose more than `suspect`, the model is
 wrong and not the axis: a gyro that is wrong is contradicted by all wheels, not by those of one axle. And while the
 lateral forces are known not to be those of the vehicle file (`force_judge`), the yaw rate is out only if GNSS alone
 says so by `gain`: all other sensors contradict it through that model.
 
-A vote needs somebody to agree with: where nothing but inertial sensors is there, nobody is taken out. One who is out is
-asked on: once its innovations are as they should be for a while, twice as long each time, it is believed again, with a
-bias that is not known any more, since it may have jumped. One that was frozen and moves on from the value at which it
-stood was at the end of its range: it measures what it measured before, and is believed at once, whatever the model has
-come to expect meanwhile.
+A vote needs somebody to agree with: where nothing but inertial sensors is there, nobody is taken out. One who is out
+may be right, and the filter wrong: it appeals (`appeal`). It is asked on, too: once its innovations are as they should
+be for a while, twice as long each time, it is believed again, with a bias that is not known any more, since it may have
+jumped. One that was frozen and moves on from the value at which it stood was at the end of its range: it measures what
+it measured before, and is believed at once, whatever the model has come to expect meanwhile.
 """
 
 from __future__ import annotations
@@ -45,14 +48,13 @@ from numpy.typing import NDArray
 from vsense_ros.estimation.filter import Innovation
 from vsense_ros.estimation.timeline import Channel, Event, Timeline
 from vsense_ros.runner.adapter import Adapter
-from vsense_ros.runner.axes import Axes, Out
+from vsense_ros.runner.appeal import Appeals
+from vsense_ros.runner.axes import FROZEN, Axes, Out
 from vsense_ros.runner.recount import Ballot, Recount
 from vsense_ros.runner.sums import SHORT, WINDOWS
 from vsense_ros.runner.vote_settings import VOTE
 
 Array = NDArray[np.float64]
-
-FROZEN = "is frozen"
 
 
 class Vote:
@@ -80,8 +82,9 @@ class Vote:
             for i, one in adapter.inertial.axes().items()
         }
         self.returned: list[tuple[int, int, float]] = []  # sensor and axis, and how far its bias may have jumped
+        self.appeals = Appeals(self.axes, self.returned, report)
         self._frozen: list[tuple[Axes, int, float]] = []  # and at which value
-        self._jumped: list[tuple[Axes, int]] = []
+        self._jumped: list[tuple[Axes, int, float]] = []  # and how far [usual deviations]
         self.alarm: int | None = None  # since when something is wrong [ns]
         self._voted, self._pause = 0, VOTE.first_pause
         self.begun = self.heard = 0  # when the filter began, and the alarm was raised or kept up last [ns]
@@ -154,10 +157,15 @@ class Vote:
                 whitened[axis] = innovation.whitened[axis]
                 axes.refused_from.pop(axis, None)
                 continue
+            far = abs(innovation.nis) ** 0.5
+            if far <= (axes.gate * axes.sums.usual.item(0, axis)) ** 0.5:
+                whitened[axis] = innovation.whitened[axis]
+                if self._inertial.believe(axes.channel, replace(event, value=value), axis):
+                    used += 1
+                    continue
             event.without([axis])
             if not first:
                 continue
-            far = abs(innovation.nis) ** 0.5
             self._report(axes.index, f"{axes.words[axis]}: innovation {far:.1f} standard deviations")
             begin, last, count = axes.refused_from.get(axis, (now, now, 0))
             if now - last > VOTE.streak:
@@ -167,11 +175,12 @@ class Vote:
             confirmed = self.confirmed.get((axes.index, axis))
             if confirmed is not None:
                 if long and confirmed - begin >= VOTE.confirmed:
-                    self._believe_confirmed(axes, event, axis, float(value[axis]))
-                    used += 1
+                    # A direct witness has measured the same for a while, so that the model is wrong.
+                    event.value[axis] = value[axis]
+                    used += self._inertial.believe(axes.channel, event, axis)
             elif long and not self.wait and self._others_there():
                 del axes.refused_from[axis]
-                self._jumped.append((axes, axis))
+                self._jumped.append((axes, axis, far / axes.sums.usual.item(0, axis) ** 0.5))
         if first and axes.sums.add(now, whitened):
             self._is_far(axes, now)
         limit = axes.channel.limit
@@ -185,18 +194,11 @@ class Vote:
             if index == axes.index:
                 quick[:, axis] = 0.0
         if quick.max() > VOTE.jump and stamp - self.begun >= VOTE.settled and self._others_there():
-            self._jumped.append((axes, int(quick.max(axis=0).argmax())))
+            self._jumped.append((axes, int(quick.max(axis=0).argmax()), 0.0))
         for window, sums in zip(WINDOWS[2:].tolist(), far[2:], strict=True):
             if np.any(sums > axes.sums.alarm):
                 self._sound(stamp, stamp - window * VOTE.block)
                 break
-
-    def _believe_confirmed(self, axes: Axes, event: Event, axis: int, value: float) -> None:
-        """Use an axis beyond its gate: a direct witness has measured the same for a while, so that the model is
-        wrong."""
-        alone = replace(event, value=np.full_like(event.value, np.nan))
-        alone.value[axis] = event.value[axis] = value
-        self._inertial.correct(axes.channel, alone, np.inf)
 
     def measured(self, index: int, stamp: int, nis: float, components: int, limit: float) -> None:
         """The normalized innovation squared of a measurement of another sensor. One that is refused, and was in
@@ -246,10 +248,11 @@ class Vote:
 
     # Out, and in again
 
-    def _take_out(self, axes: Axes, axis: int, since: int, why: str, now: int) -> None:
-        axes.out[axis] = Out(since, why, now)
-        axes.refused_from.pop(axis, None)
-        axes.sums.forget(axis)
+    def _take_out(self, axes: Axes, axis: int, since: int, why: str, now: int, far: float = 0.0) -> None:
+        """Do not believe an axis any more, which was so `far` from what was expected of single readings."""
+        sums = axes.sums.far()[:, axis]
+        sums[0] = max(sums[0], far)
+        axes.leave_out(axis, Out(since, why, now, far=sums))
         self._report(axes.index, f"{axes.words[axis]} {why}: not believed any more")
 
     def _ask(self, axes: Axes, event: Event) -> None:
@@ -266,11 +269,12 @@ class Vote:
                 out.agreed_from = out.moved = 0
                 continue
             if self._moved_on(axes, axis, out):
-                del axes.out[axis]
+                axes.believe(axis, now)
                 self.returned.append((axes.index, axis, 0.0))
                 continue
             innovation = self._inertial.innovation_of_axis(axes.channel, event, axis)
-            if not out.agreed_from or not innovation.nis <= axes.gate:
+            usual = axes.sums.usual.item(0, axis)
+            if not out.agreed_from or not innovation.nis <= usual * axes.gate:
                 out.agreed_from, out.count, out.squares, out.total = now, 0, 0.0, 0.0
                 continue
             out.count += 1
@@ -279,10 +283,10 @@ class Vote:
             wait = axes.wait.get(axis, VOTE.agreed)
             if now - out.agreed_from < wait:
                 continue
-            if out.squares > VOTE.agrees * out.count:
+            if out.squares > VOTE.agrees * usual * out.count:
                 out.agreed_from = 0
                 continue
-            del axes.out[axis]
+            axes.believe(axis, now)
             axes.wait[axis] = min(2 * wait, VOTE.longest)
             self.returned.append((axes.index, axis, abs(out.total) / out.count))
 
@@ -304,7 +308,7 @@ class Vote:
         """True if something is to be decided: an axis froze or jumped, or there is an alarm and it is time to vote."""
         if self.wait:
             return False
-        if self._frozen or self._jumped:
+        if self._frozen or self._jumped or self.appeals.due(now):
             return True
         return (
             self.alarm is not None
@@ -321,6 +325,8 @@ class Vote:
             self._without_broken(timeline)
             self._frozen.clear()
             self._jumped.clear()
+        elif self.appeals.due(timeline.stamp):
+            self.appeals.hear(timeline, self._recount)
         else:
             self._take_vote(timeline)
 
@@ -334,8 +340,8 @@ class Vote:
         since = now - VOTE.redone_after_jump
         if self._jumped and not self._frozen and self._jump_of_another(timeline, since):
             return
-        for axes, axis in self._jumped:
-            self._take_out(axes, axis, since, "jumped away from all others", now)
+        for axes, axis, far in self._jumped:
+            self._take_out(axes, axis, since, "jumped away from all others", now, far)
             self._undo(timeline, since, axes, axis)
 
     def _take_vote(self, timeline: Timeline) -> None:
@@ -413,7 +419,7 @@ class Vote:
         recount = self._recount(timeline, since)
         if recount.everybody is None:
             return False
-        axes, axis = self._jumped[0]
+        axes, axis, _ = self._jumped[0]
         return self._is_another(recount, recount.without(axes, [axis]))
 
     def _is_another(self, recount: Recount, best: Ballot) -> bool:

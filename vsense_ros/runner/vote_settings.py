@@ -19,6 +19,8 @@ class VoteSettings:
     streak: int = 50_000_000  # [ns] after which a refusal does not belong to those before
     block: int = 20_000_000  # [ns] in which innovations are summed
     rows: int = 128  # messages in a block at most
+    learnt: int = 20_000_000_000  # [ns] over which it is averaged how far sums usually are
+    unusual: float = 4.0  # [-] times the usual square, beyond which a sum counts no more in that
     jump: float = 9.5  # [-] sum of one block or two: the axis has jumped away from what all others measure
     # [ns] of refusals, after which an axis that is still confirmed is used: as long as the course is that confirms it,
     # so that it turned as the axis said while this was refused, and not before.
@@ -40,6 +42,7 @@ class VoteSettings:
     before: int = 200_000_000  # [ns] before the alarm, from which on measurements are filtered again
     look_back: int = 2_000_000_000  # [ns] that this is at most
     gain: float = 90.0  # [-] twice a logarithm of likelihoods: evidence of more than 10¹⁹ to 1
+    second: float = 0.25  # [-] of the gain, at least, that is not of the one component that gains most
     own: float = 7.0  # [-] an axis's own sum of 0.2 s, with which …
     gain_with_own: float = 15.0  # [-] … this gain is enough
     worth_a_vote: float = 0.0  # [-] gain of leaving out a whole sensor, below which its axes are not tried
@@ -47,6 +50,12 @@ class VoteSettings:
     nearly: float = 0.35  # [-] share of the largest gain, from which on another axis may be the wrong one
     suspect: float = 30.0  # [-] gain from which on an axis is asked about again soon
     largest_square: float = 36.0  # [-] of a whitened innovation, beyond which it counts no more
+
+    # An appeal of an axis that is out.
+    appeals_again: float = 1.5  # [-] times as long after it was left out as the last time
+    appealing: int = 2  # [-] axes of a sensor that are out at once, of more of which none may appeal
+    appealed: int = 1_000_000_000  # [ns] that are filtered again then, at most
+    usual_once_acquitted: float = 3.0  # [-] usual deviations that its sums had when it was left out
 
     # No noise.
     frozen: int = 20  # equal values in a row, of an axis that has noise
