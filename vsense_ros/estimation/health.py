@@ -57,8 +57,8 @@ class Health:
         """A message has arrived [ns]."""
         gap = (arrival - self.last_received) * 1e-9
         if self.last_received and gap > 0:
-            # No silence that counts is shorter, and this comparison costs less.
-            if gap > min(SETTINGS.shortest, sensor.timeout) and gap > self.longest_silence(sensor):
+            # No silence that counts is shorter, and these comparisons cost less.
+            if (gap > SETTINGS.shortest or gap > sensor.timeout) and gap > self.longest_silence(sensor):
                 self.back = arrival
             elif not self.period:
                 self.period = gap

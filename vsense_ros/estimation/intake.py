@@ -77,24 +77,29 @@ class Intake(Generic[Sensor]):
 
     def examine(self, index: int, stamp: int, received: int | None, event: Event | str) -> Event | None:
         """What was read of a message with a stamp and a time of arrival [ns], if it can be true and is new."""
-        health = self.health[index]
-        health.receive(self._arrival(stamp, received), self.sensors[index])
+        health, sensor = self.health[index], self.sensors[index]
+        health.receive(self._arrival(stamp, received), sensor)
         late = self._punctuality[index].lateness(stamp)
         if not isinstance(event, Event):
             self.refuse(index, event)
         elif stamp <= health.last_stamp and stamp in health.stamps:
             self.refuse(index, "stamp repeated")
-        elif self._frozen(index, event):
+        elif sensor.noisy and self._frozen(index, event):
             self.refuse(index, "value frozen")
         elif late:
             self._jumps[index] = event.stamp  # where time is, is known all the same
             self._doubt(index, stamp, event, late)
         else:
-            for its_stamp, arrived, held in self._doubtful.pop(index, ()):
-                if (kept := self._accepted(index, held)) is not None:
-                    self._released.setdefault(index, []).append((its_stamp, arrived, kept))
+            if index in self._doubtful:
+                self._release_doubtful(index)
             return self._accepted(index, event)
         return None
+
+    def _release_doubtful(self, index: int) -> None:
+        """Readings of a sensor that were held turn out to be in time."""
+        for stamp, arrived, held in self._doubtful.pop(index):
+            if (kept := self._accepted(index, held)) is not None:
+                self._released.setdefault(index, []).append((stamp, arrived, kept))
 
     def _doubt(self, index: int, stamp: int, event: Event, late: float) -> None:
         """Hold a reading that may be late by a time [s], until the next ones show whether it is."""
@@ -106,6 +111,11 @@ class Intake(Generic[Sensor]):
                     index, f"stamps up to {late:.2g} s late: those of arrival after a hold-up, not of measurement"
                 )
             del self._doubtful[index]
+
+    @property
+    def has_released(self) -> bool:
+        """True if there are any readings for `released`."""
+        return bool(self._released)
 
     def released(self, index: int) -> Iterable[tuple[int, Event]]:
         """Readings of a sensor that were held and turned out to be in time, with the stamps of their messages [ns]."""
@@ -177,18 +187,18 @@ class Intake(Generic[Sensor]):
         if received is None:
             received = min(stamp, newest + _ARRIVAL_STEP) if newest else stamp
         self._arrived, self._silence = received, received - newest
-        self.newest_arrival = max(newest, received)
+        if received > newest:
+            self.newest_arrival = received
         return received
 
     def believe(self, index: int, stamp: int) -> None:
         """The stamp of a message is that of a measurement."""
         health = self.health[index]
-        health.last_stamp = max(health.last_stamp, stamp)
+        if stamp > health.last_stamp:
+            health.last_stamp = stamp
         health.stamps.append(stamp)
 
     def _frozen(self, index: int, event: Event) -> bool:
-        if not self.sensors[index].noisy:
-            return False
         health, content = self.health[index], event.value.tobytes()
         health.same_in_a_row = health.same_in_a_row + 1 if content == health.last_content else 0
         health.last_content = content

@@ -79,12 +79,10 @@ class Punctuality:
         late = self._late(stamp, interval)
         if SETTINGS.close < ratio < SETTINGS.far:
             self._learn(interval)
-        if late > max(SETTINGS.lateness, SETTINGS.periods * period):
-            self._doubt(stamp, ratio)
-        else:
+        if not (late > SETTINGS.lateness and late > SETTINGS.periods * period):
             self._in_a_row, self.is_burst = None, False
-        if self._in_a_row is None:
             return 0.0
+        self._doubt(stamp, ratio)
         doubted = (stamp - self._since) * 1e-9
         if doubted > (SETTINGS.longest_burst if self.is_burst else SETTINGS.longest):
             self._count = 0
@@ -98,7 +96,7 @@ class Punctuality:
     @property
     def is_in_order(self) -> bool:
         """True if the newest stamps have come in the order of time."""
-        return not self._is_recent(self._out_of_order, self._last)
+        return not self._out_of_order or not self._is_recent(self._out_of_order, self._last)
 
     def _believe(self, stamp: int) -> None:
         """Take a stamp [ns] for the time of its measurement."""
@@ -106,9 +104,10 @@ class Punctuality:
 
     def _late(self, stamp: int, interval: float) -> float:
         """By how much a stamp [ns] is later than one period after the earliest time of the reading before [s]."""
-        forgiven = SETTINGS.forgiven * min(interval, SETTINGS.far * self.period)
+        longest, now = SETTINGS.far * self.period, float(stamp)
+        forgiven = SETTINGS.forgiven * (interval if interval < longest else longest)
         earliest = self._earliest + (self.period + forgiven) * 1e9
-        self._earliest = min(earliest, float(stamp))
+        self._earliest = earliest if earliest < now else now
         return (stamp - self._earliest) * 1e-9
 
     def _doubt(self, stamp: int, ratio: float) -> None:
@@ -136,9 +135,10 @@ class Punctuality:
     def _learn(self, interval: float) -> None:
         """Let an interval [s] count in the period and in its irregularity."""
         self._count += 1
+        far, period = SETTINGS.far, self.period
         share = max(SETTINGS.share, 1.0 / self._count)
-        if self.period:
-            deviation = abs(interval / self.period - 1.0)
-            self._irregularity += share * (min(deviation, SETTINGS.far) - self._irregularity)
-        interval = min(interval, SETTINGS.far * self.period) if self.period else interval
-        self.period += share * (interval - self.period)
+        if period:
+            deviation = abs(interval / period - 1.0)
+            self._irregularity += share * ((deviation if deviation < far else far) - self._irregularity)
+            interval = interval if interval < far * period else far * period
+        self.period += share * (interval - period)

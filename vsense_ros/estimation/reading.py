@@ -127,8 +127,9 @@ class Reader:
                 yield from map(self.read, block)
                 continue
             usable = np.any(np.isfinite(rows.value), axis=1).tolist()
-            for is_usable, *row in zip(usable, rows.stamp.tolist(), rows.value, rows.variance, strict=True):
-                yield Event(self._index, *row) if is_usable else UNUSABLE
+            index, table = self._index, zip(usable, rows.stamp.tolist(), rows.value, rows.variance, strict=True)
+            for is_usable, stamp, value, variance in table:
+                yield Event(index, stamp, value, variance) if is_usable else UNUSABLE
 
     def measurements(self, channel: Channel) -> Measurements:
         """The measurements in all messages of a channel that have one, as arrays: a recording of hours has millions,

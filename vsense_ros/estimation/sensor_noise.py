@@ -52,7 +52,8 @@ class SensorNoise:
             self._until -= 1
             if not self._until:
                 self._estimate(event.variance)
-        self.raise_variance(event)
+        if self._variance is not None:
+            self.raise_variance(event)
 
     def _goes_on(self, stamp: int) -> bool:
         """True if a stamp [ns] belongs to the series of readings: a single one from elsewhere in time does not, two in

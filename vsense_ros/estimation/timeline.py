@@ -177,7 +177,7 @@ class Timeline:
         """The filter is at this time [ns], and nothing is known from before it."""
         self.clear()
         self.stamp = stamp
-        self._new_instant(stamp)
+        self._take_instant(stamp)
 
     def clear(self) -> None:
         """Forget everything."""
@@ -199,7 +199,8 @@ class Timeline:
     @property
     def oldest(self) -> int:
         """Stamp before which nothing is kept [ns]."""
-        return max(self.stamp - self.reach, self._history[0].stamp)
+        reached, first = self.stamp - self.reach, self._history[0].stamp
+        return reached if reached > first else first
 
     @property
     def present(self) -> int:
@@ -209,11 +210,12 @@ class Timeline:
     def add(self, event: Event) -> bool:
         """Use an event that is not older than `oldest`; True if it came late. What follows a late one is done again
         when the newest state is next needed: `catch_up`."""
-        latest = self._ahead[-1].stamp if self._ahead else self._history[-1].latest
+        ahead = self._ahead
+        latest = ahead[-1].stamp if ahead else self._history[-1].latest
         if event.stamp < latest - self._merge:
             self._insert(event)
             return True
-        if self._ahead:
+        if ahead:
             self.catch_up()
         self._occur(event)
         return False
@@ -294,8 +296,8 @@ class Timeline:
 
     def _retire_old(self, newest: int) -> None:
         """Take what is beyond the reach of late messages out of the history."""
-        history = self._history
-        while len(history) > 2 and history[0].stamp < newest - self.reach:
+        history, reached = self._history, newest - self.reach
+        while len(history) > 2 and history[0].stamp < reached:
             self._checkpoints.retire(history.pop(0), newest)
 
     def _happen(self, event: Event) -> None:
@@ -311,7 +313,7 @@ class Timeline:
     def _occur(self, event: Event) -> None:
         """Let an event happen, not before those of the newest instant."""
         instant, stamp = self._history[-1], event.stamp
-        if self._is_later(event, instant):
+        if stamp > instant.stamp + self._merge and self._is_later(event, instant):
             instant = self._move(stamp)
         self._act(event)
         instant.events.append(event)
@@ -325,7 +327,8 @@ class Timeline:
         if not self.filter.advance(self._way(instant, stamp)):
             self._fault()
             instant.kept.memory[:] = self.filter.memory
-        return self._new_instant(stamp)
+        self._retire_old(stamp)
+        return self._take_instant(stamp)
 
     def _is_later(self, event: Event, instant: Instant) -> bool:
         """True if an event has an instant of its own. An input holds from where it comes on: the filter need not be
@@ -335,7 +338,7 @@ class Timeline:
     def _way(self, instant: Instant, stamp: int) -> Step:
         """From an instant to a time [ns]."""
         time = stamp - instant.stamp
-        count = max(1, -(-time // self._step))
+        count = -(-time // self._step) if time > self._step else 1
         return Step(instant.kept, count, time * 1e-9 / count)
 
     def _insert(self, event: Event) -> None:
@@ -386,12 +389,8 @@ class Timeline:
         self._retire_old(newest.stamp)
         return done
 
-    def _new_instant(self, stamp: int) -> Instant:
-        """Begin an instant with the filter's present state, in the memory of one that is not needed any more."""
-        self._retire_old(stamp)
-        return self._take_instant(stamp)
-
     def _take_instant(self, stamp: int) -> Instant:
+        """Begin an instant with the filter's present state, in the memory of one that is not needed any more."""
         history = self._history
         instant = self._spare.pop() if self._spare else Instant(0, 0, self.filter.backup())
         instant.stamp = instant.latest = stamp

@@ -20,8 +20,12 @@ def play(runner: Runner, recording: Recording, topics: Sequence[str]) -> Iterato
     streams = [_read_ahead(runner, channel) for channel in channels]
     examine, take = runner.intake.examine, runner.take
     for stamp, received, places, readings in by_arrival([channel.received for channel in channels], streams):
-        for index, reading in zip(places, readings, strict=True):
-            take(index, stamp, examine(index, stamp, received, reading))
+        if len(places) == 1:  # which is usual, and needs no loop
+            index = places[0]
+            take(index, stamp, examine(index, stamp, received, readings[0]))
+        else:
+            for index, reading in zip(places, readings, strict=True):
+                take(index, stamp, examine(index, stamp, received, reading))
         yield
 
 

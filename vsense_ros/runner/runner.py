@@ -121,6 +121,7 @@ class Runner:
         self._early: list[Event] = []  # readings from beyond the newest state, in the order of their measurement
         adapter.attach(self.intake, self._timeline)
         self.placement = Placement() if adapter.has_position else None
+        self._positions = {i for i, sensor in enumerate(self.intake.sensors) if "position" in sensor.measures}
         self.resets = Resets(adapter, self.intake)
         self.guard = Guard(self.filter)
 
@@ -169,8 +170,9 @@ class Runner:
 
     def take(self, index: int, stamp: int, event: Event | None) -> None:
         """Use what the intake made of a message with a stamp [ns], and what it had held before."""
-        for its_stamp, held in self.intake.released(index):
-            self.take(index, its_stamp, held)
+        if self.intake.has_released:
+            for its_stamp, held in self.intake.released(index):
+                self.take(index, its_stamp, held)
         if event is None:
             self._look_for_frozen(index)
             return
@@ -207,10 +209,11 @@ class Runner:
 
     def _use_in_time(self, event: Event) -> None:
         """Let the filter have a reading, at the time it was measured."""
-        self.judges.before(self._timeline, event)
+        timeline, judges = self._timeline, self.judges
+        judges.before(timeline, event)
         self.adapter.measured(event)
-        self.judges.hear(event)
-        if self._timeline.add(event):
+        judges.hear(event)
+        if timeline.add(event):
             self.health[event.sensor].late += 1
         self._settle()
 
@@ -254,11 +257,11 @@ class Runner:
         if self.resets.waiting:
             for move in self.resets.asked():
                 self._shift(move)
-        vote = self.vote
-        if self.judges.settle(self._timeline):
+        vote, timeline = self.vote, self._timeline
+        if self.judges.settle(timeline):
             vote.wait, vote.confirmed, vote.spared = self.judges.suspect, self.judges.confirms, self.judges.spares
-        if vote.due(self._timeline.stamp):
-            vote.decide(self._timeline)
+        if vote.due(timeline.stamp):
+            vote.decide(timeline)
         while vote.returned:
             sensor, axis, jump = vote.returned.pop()
             bias = self.adapter.bias(sensor, axis, jump)
@@ -336,11 +339,13 @@ class Runner:
     def act(self, event: Event) -> None:
         """Let an event act on the filter at its present time; what happens again is not counted again."""
         channel, adapter = self._timeline.channels[event.sensor], self.adapter
+        _, limit, first_input, by_hand = channel
         innovation: Innovation | None = None
-        if channel.by_hand:
+        nis = 0.0
+        if by_hand:
             self._move(event)
             return
-        if channel.first_input is not None:
+        if first_input is not None:
             adapter.give(channel, event)
         elif adapter.accepts(event):
             axes = self.vote.axes.get(event.sensor)
@@ -348,16 +353,16 @@ class Runner:
                 innovation = adapter.correct(channel, event)
             else:
                 innovation = self.vote.correct(axes, event, first=not event.counted)
+            nis = innovation.nis
             if self._on_innovation is not None and not event.counted:
                 self._on_innovation(channel.name, event.stamp, innovation)
         else:
             event.counted = True
             return
-        nis = 0.0 if innovation is None else innovation.nis
         if not event.counted:
             event.counted = True
             self._count(event, nis, innovation)
-        if not nis <= channel.limit and innovation is not None:
+        if not nis <= limit and innovation is not None:
             self._contradicted(event, channel, innovation)
 
     def _contradicted(self, event: Event, channel: Channel, innovation: Innovation) -> None:
@@ -374,18 +379,18 @@ class Runner:
 
     def _count(self, event: Event, nis: float, innovation: Innovation | None) -> None:
         """Keep what became of an event; its innovation by component, if the filter has not gone on since."""
-        channel = self._timeline.channels[event.sensor]
+        index, timeline = event.sensor, self._timeline
+        _, limit, first_input, _ = timeline.channels[index]
         monitor = self.adapter.monitor
         if monitor is not None:
             whitened = None if innovation is None else innovation.whitened
-            monitor.measured(event.sensor, nis, self.stamp, whitened)
-        measured = channel.first_input is None
-        self.intake.count(event, nis, channel.limit, measured=measured)
-        place = self.placement
-        if place is not None and 0 <= nis <= channel.limit and "position" in self.intake.sensors[event.sensor].measures:
-            place.believed(event.stamp)
-        if measured and event.sensor not in self.vote.axes:
-            self.vote.measured(event.sensor, self.stamp, nis, len(event.value), channel.limit)
+            monitor.measured(index, nis, timeline.stamp, whitened)
+        measured = first_input is None
+        self.intake.count(event, nis, limit, measured=measured)
+        if index in self._positions and 0 <= nis <= limit and self.placement is not None:
+            self.placement.believed(event.stamp)
+        if measured and index not in self.vote.axes:
+            self.vote.measured(index, timeline.stamp, nis, len(event.value), limit)
 
     def _complain(self, index: int, sentence: str) -> None:
         """Keep what is wrong with the newest message of a sensor."""
