@@ -8,6 +8,7 @@ another method. With `--into PAGE` the table is a section of that page.
 from __future__ import annotations
 
 import argparse
+import sys
 import time
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
@@ -17,6 +18,7 @@ from typing import Any
 import numpy as np
 
 import vsense_ros as vs
+from vsense_ros.errors import InputError
 from vsense_ros.messages.recording import Recording
 from vsense_ros.model.vehicle import Vehicle
 from vsense_ros.runner.playing import play
@@ -130,12 +132,15 @@ def main() -> None:
     parser.add_argument("--seconds", type=float, help="of the recording [s]; default: all")
     parser.add_argument("--into", type=Path, metavar="PAGE")
     arguments = parser.parse_args()
-    recording = vs.read(arguments.recording)
+    try:
+        recording, car = vs.read(arguments.recording), vs.load_vehicle(arguments.vehicle)
+    except InputError as error:
+        sys.exit(f"run_parts: {error}")
     if arguments.seconds:
         end = min(int(c.received[0]) for c in recording.channels.values() if len(c)) + int(arguments.seconds * 1e9)
         channels = {topic: channel.select(channel.received < end) for topic, channel in recording.channels.items()}
         recording = replace(recording, channels=channels)
-    text = section(f"{arguments.recording} {arguments.vehicle}", recording, vs.load_vehicle(arguments.vehicle))
+    text = section(f"{arguments.recording} {arguments.vehicle}", recording, car)
     print(text)
     if arguments.into is not None:
         arguments.into.write_text(into(arguments.into.read_text(encoding="utf-8"), text), encoding="utf-8")

@@ -82,13 +82,13 @@ class Punctuality:
         if not (late > SETTINGS.lateness and late > SETTINGS.periods * period):
             self._in_a_row, self.is_burst = None, False
             return 0.0
-        self._doubt(stamp, ratio)
+        regular = self._doubt(stamp, ratio)
         doubted = (stamp - self._since) * 1e-9
         if doubted > (SETTINGS.longest_burst if self.is_burst else SETTINGS.longest):
             self._count = 0
             self._believe(stamp)
             return 0.0
-        if self._in_a_row >= self._needed(stamp):
+        if regular >= self._needed(stamp):
             self._believe(stamp)
             return 0.0
         return late
@@ -110,8 +110,8 @@ class Punctuality:
         self._earliest = earliest if earliest < now else now
         return (stamp - self._earliest) * 1e-9
 
-    def _doubt(self, stamp: int, ratio: float) -> None:
-        """Count regular intervals, given the newest one in periods."""
+    def _doubt(self, stamp: int, ratio: float) -> int:
+        """The number of regular intervals in a row, given the newest one in periods."""
         lowest, highest = SETTINGS.regular
         if self._in_a_row is None:
             self._in_a_row, self._since = 0, stamp
@@ -121,6 +121,7 @@ class Punctuality:
             self._in_a_row = 0
             if ratio < lowest:
                 self._burst, self.is_burst = stamp, True
+        return self._in_a_row
 
     def _needed(self, stamp: int) -> float:
         """Regular intervals in a row after which stamps are believed again."""
