@@ -99,6 +99,7 @@ EXPERIMENTS: Sequence[tuple[Change, tuple[tuple[str, str, str], ...]]] = (
             ("5.3", "DO45", "beta clean"),
             ("5.3", "DO55", "beta clean"),
             ("4.2", "DO55", "beta of fix N"),
+            ("5.4", "DO45", "beta 2c N"),
             ("5.4", "DO55", "beta 2c N"),
         ),
     ),
