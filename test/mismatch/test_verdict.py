@@ -258,6 +258,17 @@ def test_beside_a_known_explanation_what_others_leave_where_an_effect_changes_ne
     assert at_odds(0.4, known=True) > THRESHOLDS.disagreement  # and of a signal that changes by more
 
 
+def test_a_further_effect_that_explains_little_is_named_where_the_evidence_is_sure_of_it():
+    one, both = explaining("drag", 0.5, 0.5), explaining("drag + bank", 0.515, 0.515)
+    assert said(one, both) == ("named", ("drag",))
+    assert said(one, replace(both, evident={"drag": 1.0, "bank": 0.8})) == ("named", ("drag",))
+    sure = replace(both, evident={"drag": 1.0, "bank": 0.99})
+    assert said(one, sure) == ("named", ("drag + bank",))
+    judged = judge([one, sure], (), Made())
+    assert judged.confidence(sure, "bank") == pytest.approx(0.99 * THRESHOLDS.trusted)
+    assert said(one, replace(sure, gain=0.505, cv_gain=0.505)) == ("named", ("drag",))
+
+
 def test_a_rival_that_leaves_a_signal_further_off_and_none_nearer_is_excluded_however_much_else_is_left_over():
     """Speeds are far off for a reason that nobody knows; of the acceleration one leaves half as much as the other."""
     fitted = Residuals.__new__(Residuals)

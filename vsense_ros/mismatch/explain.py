@@ -46,6 +46,7 @@ from vsense_ros.mismatch.picture import Trace
 from vsense_ros.mismatch.remarks import ALONE, Evidence, remarks
 from vsense_ros.mismatch.residuals import Residuals
 from vsense_ros.mismatch.search import Search
+from vsense_ros.mismatch.search_settings import EFFORT
 from vsense_ros.mismatch.selection import most_telling
 from vsense_ros.mismatch.short_windows import Restarts
 from vsense_ros.mismatch.stand_ins import what_looks_alike
@@ -416,14 +417,20 @@ def _traces(search: Search, shown: Fit, validation: Validation) -> list[Trace]:
 def _judged_with_further(
     search: Search, hypotheses: list[Hypothesis], validation: Validation, threshold: float
 ) -> Judged:
-    """The verdict on single effects, on what explains more with further ones, and on terms without known physics."""
-    least, unseen = max(threshold, THRESHOLDS.least_gain), bool(validation.recordings)
-    newest = hypotheses
-    validation.comparisons.prepare(newest)
-    while newest := search.further(newest, least, validation.proven, unseen):
-        validation.comparisons.prepare(newest)
-        hypotheses = [*hypotheses, *newest]
+    """The verdict on single effects, on the sets that the evidence proposes, on what explains more with further effects
+    where something is left, and on terms without known physics."""
+    validation.comparisons.prepare(hypotheses)
+    sets = search.proposed(validation.proven, validation.comparisons.prepare)
     described: list[Hypothesis] = []
+    judged = judge([*hypotheses, *sets], described, validation, search.with_profile, threshold)
+    known = max(map(validation.proven, hypotheses), default=0.0) - THRESHOLDS.evident_gain
+    if judged.verdict != "named" or judged.partial or judged.leader is None or validation.proven(judged.leader) < known:
+        further = _with_further(search, hypotheses, validation, threshold)  # sets that prove nothing decide nothing
+    else:
+        hypotheses = [*hypotheses, *sets]
+        left = search.leaves_something(judged.leader.fit)
+        further = _with_further(search, [judged.leader], validation, threshold, rounds=1) if left else []
+    hypotheses = [*hypotheses, *further]
     judged = judge(hypotheses, described, validation, search.with_profile, threshold)
     if search.leaves_something(judged.leader.fit if judged.leader is not None else search.base):
         described = search.described()
@@ -434,6 +441,26 @@ def _judged_with_further(
         validation.comparisons.prepare(joint)
         judged = judge([*hypotheses, *joint], described, validation, search.with_profile, threshold)
     return judged
+
+
+def _with_further(
+    search: Search,
+    begin: Sequence[Hypothesis],
+    validation: Validation,
+    threshold: float,
+    rounds: int = EFFORT.most_effects,
+) -> list[Hypothesis]:
+    """Hypotheses with one more effect than those to begin with, and so on for some `rounds`, as long as that promises
+    to explain more."""
+    least, unseen = max(threshold, THRESHOLDS.least_gain), bool(validation.recordings)
+    found: list[Hypothesis] = []
+    newest = list(begin)
+    for _ in range(rounds):
+        if not (newest := search.further(newest, least, validation.proven, unseen)):
+            break
+        validation.comparisons.prepare(newest)
+        found += newest
+    return found
 
 
 def _with_final_sizes(search: Search, judged: Judged, validation: Validation) -> tuple[Judged, str]:

@@ -130,6 +130,7 @@ class Fitting:
         return replace(
             self.hypothesis(hypothesis.candidates, with_narrow_prior, hypothesis.independent_share),
             deviations=self._deviations(hypothesis.candidates, fitted),
+            evident=hypothesis.evident,
         )
 
     def shaped(self, hypotheses: Sequence[Hypothesis]) -> list[Hypothesis]:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 from vsense_ros.identification.least_squares import Fit
 from vsense_ros.mismatch.candidates import Candidate
@@ -41,6 +41,8 @@ class Hypothesis:
     cv_share: float  # that fall over what the base leaves of dropped folds
     spoilt: float  # what windows lose that fit worse than with the base, over what the others gain
     deviations: Mapping[str, float]  # standard deviations of the sizes by dotted name, in their units
+    # Probabilities of its effects by id, if the evidence has proposed it, or more than it.
+    evident: Mapping[str, float] = field(default_factory=dict)
 
     @property
     def effects(self) -> tuple[str, ...]:

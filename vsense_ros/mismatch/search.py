@@ -22,6 +22,7 @@ from vsense_ros.mismatch.candidates import Candidate, terms
 from vsense_ros.mismatch.cross_validation import CrossValidation
 from vsense_ros.mismatch.fitting import Fitting
 from vsense_ros.mismatch.hypothesis import Hypothesis, Signature
+from vsense_ros.mismatch.proposing import Proposing
 from vsense_ros.mismatch.residuals import Residuals
 from vsense_ros.mismatch.screening import Screening, first_size
 from vsense_ros.mismatch.search_settings import EFFORT
@@ -57,6 +58,7 @@ class Search:
         self.fitting = Fitting(self.secants, self.validation, self.whole, progress)
         self._profiled: dict[Hypothesis, Hypothesis | None] = {}
         self._progress = progress
+        self._single: list[Hypothesis] = []
 
     @cached_property
     def visible(self) -> frozenset[str]:
@@ -80,7 +82,32 @@ class Search:
             new = [s for s in self.screening.screened(self.base, (), EFFORT.shortlist) if s.candidates not in known]
             fitted = _worth_their_freedom([*fitted, *self._refined(self.fitting.fitted(new))])
             self.screening.varying = {e.candidates[-1].name for e in fitted if e.candidates[-1].along_road}
-        return sorted(fitted, key=lambda e: e.score, reverse=True)
+        self._single = sorted(fitted, key=lambda e: e.score, reverse=True)
+        return self._single
+
+    def proposed(
+        self, proven: Callable[[Hypothesis], float], prepare: Callable[[Sequence[Hypothesis]], None]
+    ) -> list[Hypothesis]:
+        """The set of effects that the evidence proposes, and what is instead of its parts; the set without those that
+        hardly matter on recordings that took no part; and each of these sets without any one of its parts. Where a
+        profile of the road explains most of single effects, they are beside it. `proven` is what a hypothesis gains
+        there, and `prepare` simulates several side by side."""
+        best_alone = self._single[:1]
+        road = next((e for e in best_alone if e.candidates[0].along_road), None)
+        proposing = Proposing(self.secants, self.fitting, self.offered, road)
+        found = proposing.proposed()
+        prepare(found)
+        best = found[0] if found else None
+        while best is not None and len(best.candidates) > 1:
+            without = proposing.without_each(best)
+            prepare(without)
+            found += without
+            rest = max(without, key=proven)
+            known = proven(rest)
+            if proven(best) - known > THRESHOLDS.evident_gain * max(1 - known, self.least_whole):
+                break
+            best = rest
+        return found
 
     def _refined(self, fitted: Sequence[Hypothesis]) -> list[Hypothesis]:
         """Hypotheses with their shapes, fitted further: the best with secants of their own, the others with those of

@@ -20,6 +20,9 @@ class SearchSettings:
     paired: int = 8  # single hypotheses of which all pairs are tried
     beam: int = 3  # hypotheses to which a further effect is added, and further effects that are tried with each
     most_effects: int = 6  # at once
+    shares: tuple[float, ...] = (1.0, 0.5, 0.2)  # of the way to the likeliest unknowns that are tried
+    least_likely: float = 5.0  # [-] logarithm of the odds from which on another set is fitted, too
+    rounds: int = 4  # in which the evidence proposes a set, and is judged where that is likeliest
     pairs_screened: int = 12  # pairs that promise most by the linear model alone, of which the best are fitted
     shaped_gain: float = 0.03  # [-] of an effect from where on its shape can be seen
     # Least gain of hypotheses that are fitted again with secants of their own: where base parameters stand in

@@ -26,6 +26,7 @@ class Thresholds:
     most_asked: float
     further_share: float
     clear_further_gain: float
+    evident_gain: float
     form_error: float
     least_term_gain: float
     term_advantage: float

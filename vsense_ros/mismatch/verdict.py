@@ -66,6 +66,8 @@ class Judged:
         left = max(1 - known, self.thresholds.least_gain)
         gain, other = (self.proven[hypothesis] - known) / left, (self._most(others) - known) / left
         certain = confidence(gain, other, self.thresholds)
+        if gain > self.thresholds.evident_gain:
+            certain = max(certain, self.thresholds.trusted * hypothesis.evident.get(effect, 0.0))
         answer = {one for e in self.rivals for one in e.effects} | set(self.besides)
         return certain if effect in answer else min(certain, self.thresholds.refused)
 
@@ -143,6 +145,12 @@ def judge(
 def _as_good(gain: float, most: float, thresholds: Thresholds, shared: float = 0.0) -> bool:
     """True if a gain is within reach of the largest, of both of which `shared` is a part."""
     return gain - shared >= thresholds.rival_share * (most - shared) and not _leaves_more(gain, most, thresholds)
+
+
+def _evident(e: Hypothesis, fewer: Hypothesis, thresholds: Thresholds) -> bool:
+    """True if the evidence is sure of the effects that an explanation has beyond one with fewer."""
+    further = set(e.effects) - set(fewer.effects)
+    return all(e.evident.get(effect, 0.0) > thresholds.trusted for effect in further)
 
 
 def _leaves_more(gain: float, most: float, thresholds: Thresholds) -> bool:
@@ -343,6 +351,8 @@ class _Judge:
             if len(e.candidates) == count
         }
         left, clear = max(1 - explained, self.least_whole), limits.clear_further_gain * self.least_gain
+        if fewer is not None and any(_evident(e, fewer, limits) for e in adds):
+            clear = limits.evident_gain
         least = max(min(limits.further_share, clear) * left, limits.form_error * explained)
         # Objections take long to find: they are asked only of explanations that can matter.
         several = sorted((e for e, more in adds.items() if more > least / 2), key=by_proof, reverse=True)
