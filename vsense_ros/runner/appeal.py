@@ -6,7 +6,8 @@ have measured since is then filtered again, with the axis believed however far i
 it. It is believed again if other sensors are predicted better with it; or after a while, longer each time, if nobody is
 predicted much worse and the filter that believes it comes to expect it: without it the filter may have gone astray, so
 that a right axis does not agree. What it was accused of is from then on what its sums usually are (`sums`): the same is
-not decided twice.
+not decided twice. But no acquittal lets them be larger than those of a model that is off by a fair share: an axis that
+is wrong after all must still be found.
 """
 
 from __future__ import annotations
@@ -61,7 +62,7 @@ class Appeals:
         wait = axes.wait.get(axis, VOTE.agreed)
         if (
             time < max(wait // 2, VOTE.agreed)
-            or belief.gain < -VOTE.suspect
+            or belief.gain < -VOTE.gain_with_own
             or belief.own > VOTE.agrees * axes.sums.usual.item(0, axis)
         ):
             return False
@@ -73,7 +74,8 @@ class Appeals:
         """Believe an axis again at a time [ns], in what will happen once more as well."""
         usual, far = axes.sums.usual[:, axis], axes.out[axis].far
         axes.believe(axis, now)
-        np.maximum(usual, usual * (far / VOTE.usual_once_acquitted) ** 2, out=usual)
+        acquitted = np.minimum(usual * (far / VOTE.usual_once_acquitted) ** 2, VOTE.usual_at_most**2)
+        np.maximum(usual, acquitted, out=usual)
         self._report(axes.index, "")
         for event in ahead:
             if event.sensor == axes.index and event.whole is not None:

@@ -56,6 +56,8 @@ class VoteSettings:
     appealing: int = 2  # [-] axes of a sensor that are out at once, of more of which none may appeal
     appealed: int = 1_000_000_000  # [ns] that are filtered again then, at most
     usual_once_acquitted: float = 3.0  # [-] usual deviations that its sums had when it was left out
+    # [-] stated deviations that are usual after an acquittal, at most: an axis of the wrong sign is off by tens of them
+    usual_at_most: float = 4.0
 
     # No noise.
     frozen: int = 20  # equal values in a row, of an axis that has noise
