@@ -39,6 +39,18 @@ def test_a_sensor_as_good_as_it_says_keeps_the_very_variance_of_its_messages():
     assert not noise.noisier
 
 
+@pytest.mark.parametrize("hertz", [6.0, 9.0, 12.0, 25.0])
+@pytest.mark.parametrize("rate", [100, 250])
+def test_a_vibration_is_noise_and_what_a_car_does_is_none(hertz, rate):
+    t = np.arange(4 * rate) / rate
+    motion = 5.0 * np.sin(2 * np.pi * 0.7 * t) + 10.0 * (t > 2.0)  # a slalom, and a jump
+    values = np.column_stack([motion + 3.0 * np.sin(2 * np.pi * hertz * t), motion])
+    some = [Event(0, k * SECOND // rate, value, STATED**2) for k, value in enumerate(values)]
+    used = heard(SensorNoise(), some)
+    assert np.all((used[rate:, 0] > 0.3 * 3.0 / 2**0.5) & (used[rate:, 0] < 1.5 * 3.0 / 2**0.5))
+    assert np.all(used[:, 1] == STATED[1])
+
+
 def test_a_sensor_that_is_quiet_again_is_believed_again():
     noise = SensorNoise()
     loud, quiet = events((4.0, 0.05), 1000), events((0.05, 0.05), 3 * SETTINGS.window, seed=2)

@@ -1,4 +1,7 @@
-"""White noise that a sensor really has, estimated from its readings before a filter compares them with anything."""
+"""Noise that a sensor really has, estimated from its readings before a filter compares them with anything.
+
+It is white, or the vibration of what the sensor is mounted on, in a narrow band above the 2 Hz of a car's body.
+"""
 
 from __future__ import annotations
 
@@ -24,6 +27,9 @@ class SensorNoiseSettings:
     gap: int = 1_000_000_000  # [ns] between two readings, from which on the later one is not of the same series
     more: float = 1.3  # [-] times the stated standard deviation, from which on the estimate is significantly larger
     noisier: float = 3.0  # [-] times the stated standard deviation, from which on that is reported
+    # [ns] from one of five readings to the next, whose fourth difference shows a vibration of 10 Hz best: half of its
+    # period. Halves of that show what is faster. Of a motion of 1 Hz it has 0.06 %, of 6 Hz 43 %.
+    lag: int = 50_000_000
 
 
 SETTINGS = SensorNoiseSettings()
@@ -39,6 +45,7 @@ class SensorNoise:
 
     def __init__(self) -> None:
         self._newest: deque[Array] = deque(maxlen=SETTINGS.window)
+        self._stamps: deque[int] = deque(maxlen=SETTINGS.window)  # of these [ns]
         self._first = self._last = 0  # stamps of the first and the last reading of the series [ns]
         self._elsewhere = -SETTINGS.gap  # stamp of a reading after it that is not of the series [ns]
         self._until = SETTINGS.first  # readings to come before the next estimate
@@ -49,6 +56,7 @@ class SensorNoise:
         """Take in a reading, and give it the variance that the newest ones show, where that is larger."""
         if self._goes_on(event.stamp):
             self._newest.append(event.value)
+            self._stamps.append(event.stamp)
             self._until -= 1
             if not self._until:
                 self._estimate(event.variance)
@@ -60,6 +68,7 @@ class SensorNoise:
         a row begin a new series."""
         if 0 < stamp - self._elsewhere < SETTINGS.gap:
             self._newest.clear()
+            self._stamps.clear()
             self._until = SETTINGS.first
         elif self._newest and not 0 < stamp - self._last < SETTINGS.gap:
             if abs(stamp - self._last) >= SETTINGS.gap:
@@ -82,11 +91,28 @@ class SensorNoise:
     def _estimate(self, stated: Array) -> None:
         """Estimate the noise anew from the newest readings, whose stated variances are (m,)."""
         self._until = len(self._newest)
-        deviation = np.array([white_noise(component) for component in np.array(self._newest).T])
-        usual = np.sqrt(stated)
+        newest = np.array(self._newest)
+        deviation = np.array([white_noise(component) for component in newest.T])
+        usual, vibration = np.sqrt(stated), self._vibration(newest)
+        deviation = np.where(vibration > SETTINGS.noisier * usual, np.fmax(deviation, vibration), deviation)
         more = deviation > SETTINGS.more * usual
         self._variance = np.where(more, deviation**2, 0.0) if more.any() else None
         self.noisier = {
             i: (float(deviation[i]), float(usual[i]))
             for i in np.flatnonzero(deviation > SETTINGS.noisier * usual).tolist()
         }
+
+    def _vibration(self, newest: Array) -> Array:
+        """Root mean square of a vibration of the components (m,) of readings (n, m); 0 where they are too few.
+
+        The fourth difference of a sine has up to sixteen times its amplitude; half of its values exceed its root mean
+        square. A jump is in a few of them only, so that it is not taken for a vibration.
+        """
+        most = np.zeros(newest.shape[1])
+        lag = round(SETTINGS.lag * (len(newest) - 1) / (self._stamps[-1] - self._stamps[0]))
+        while lag > 1:
+            if len(newest) >= 8 * lag:
+                a, b, c, d, e = (newest[i * lag : len(newest) - (4 - i) * lag] for i in range(5))
+                most = np.fmax(most, np.median(np.abs(a - 4 * (b + d) + 6 * c + e), axis=0) / 16)
+            lag //= 2
+        return most
