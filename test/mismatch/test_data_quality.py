@@ -182,7 +182,7 @@ def test_a_car_that_goes_straight_on_at_one_speed_tells_nothing():
         (changed("imu/data", FORCES, scaled(1, -1)), "the lateral acceleration is against speed times yaw rate"),
         (changed("imu/data", FORCES, scaled(1, 1 / 9.81)), "is its unit wrong?"),
         (changed("vehicle/wheel_speeds", "velocity", scaled(slice(None), 0.27)), "look like m/s, expected rad/s"),
-        (changed("vehicle/steering", "position", scaled(0, 0.07)), "the road-wheel angle is"),
+        (changed("vehicle/steering", "position", scaled(0, 0.07)), "steering_wheel would turn a usual car"),
         (changed("vehicle/steering", "position", scaled(0, -1)), "expected positive to the left"),
         (changed("vehicle/wheel_torques", "effort", scaled(slice(None), 1e-3)), "the wheel torque over radius"),
         (all_of(NO_GNSS, changed("vehicle/wheel_speeds", "velocity", scaled(slice(None), 3.6))), "yaw rate or speed"),

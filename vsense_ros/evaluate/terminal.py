@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 import time
 from collections.abc import Callable, Collection, Iterable, Iterator
 from contextlib import contextmanager
@@ -38,10 +37,9 @@ class PlainConsole(Console):
 
 
 def console(*, stderr: bool = False) -> Console:
-    """A console as wide as the terminal or as COLUMNS says, and wide enough for the tables where neither is known."""
+    """A console as wide as the terminal; in a pipe wide enough for the tables, and wider if COLUMNS says so."""
     output = PlainConsole(stderr=stderr)
-    known = output.is_terminal or "COLUMNS" in os.environ
-    return output if known else PlainConsole(stderr=stderr, width=PIPE_WIDTH)
+    return output if output.is_terminal else PlainConsole(stderr=stderr, width=max(PIPE_WIDTH, output.width))
 
 
 def say(text: str) -> None:
