@@ -15,7 +15,7 @@ from vsense_ros.messages.topics import INPUTS as TOPICS
 from vsense_ros.model import sensors
 from vsense_ros.model.coordinates import INPUTS
 from vsense_ros.model.motion import Motion
-from vsense_ros.model.sensors import KINDS, SensorBase, Steering, WheelSpeeds, compared_signals
+from vsense_ros.model.sensors import KINDS, GnssAttitude, SensorBase, Steering, WheelSpeeds, compared_signals
 from vsense_ros.model.sensors.base import Names, Values, Vector
 from vsense_ros.model.sensors.simulated import SimulatedDrive
 
@@ -121,10 +121,13 @@ def test_whether_the_equation_refers_to_accelerations_is_true(sensor: SensorBase
 
 @pytest.mark.parametrize("sensor", SIMULATED)
 def test_what_a_simulated_message_says_is_read_as_the_truth_up_to_its_noise(sensor: SensorBase):
-    """Biases are left out; what an input sensor has of noise, its simulation knows."""
+    """Biases are left out; what an input sensor has of noise, its simulation knows. Directions are compared as angles,
+    and wheels at speeds that their sensors measure."""
     rng = np.random.RandomState(1)
     n, m = 500, len(sensor.deviations())
     truth = 0.1 * rng.standard_normal((n, m))
+    if isinstance(sensor, WheelSpeeds):
+        truth += 2 * sensor.lowest
     assert sensor.sampling is not None
     quantum = np.array(sensor.sampling.quantum)
     drive = SimulatedDrive(truth, np.zeros((n, 3)), ORIGIN, rng, 0.0, quantum, lambda point: np.zeros(n))
@@ -135,6 +138,10 @@ def test_what_a_simulated_message_says_is_read_as_the_truth_up_to_its_noise(sens
         sensor.read(content.names, on_map.placed(values) if sensor.geodetic else values, read[row], np.empty(m))
     deviation = np.array([np.pi / 180 / 16.0]) if sensor.kind == "steering" else sensor.deviations()
     error = read - sensor.offsets() - truth
+    if isinstance(sensor, GnssAttitude):
+        assert_allclose(np.hypot(*read.T), 1.0, atol=1e-6)
+        turned = np.arctan2(read[:, 1], read[:, 0]) - np.arctan2(truth[:, 1], truth[:, 0])
+        error, deviation = np.angle(np.exp(1j * turned))[:, None], sensor.deviations()[:1]
     step = quantum if sensor.is_input else np.zeros(1)
     assert_allclose(error.std(axis=0), deviation, rtol=0.15, atol=step.max())
     assert np.all(np.abs(error.mean(axis=0)) <= 4 * deviation / n**0.5 + step)

@@ -20,8 +20,8 @@ one or two sizes more or fewer would change follows in closed form from the mean
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from collections.abc import Sequence
+from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
@@ -37,12 +37,7 @@ class EvidenceSettings:
 
     samples: float = 0.5  # [1/s] independent samples in a signal: a manoeuvre lasts a few seconds
     expected: float = 0.5  # [1/s] what the expected variance counts, in samples
-    little: float = 0.08  # [-] deviation of a size that is not in the set, over the typical size
-    # The same of effects for which errors of form are mistaken: what cars with nothing hidden seem to have of them.
-    seeming: Mapping[str, float] = field(
-        default_factory=lambda: {"rolling_resistance": 0.4, "brake_drag": 0.3, "steering_compliance": 0.3}
-    )
-    form: float = 1e-3  # [-] the same of a form of an effect that is not the usual one
+    form: float = 1e-3  # [-] deviation, over the typical size, of a form of an effect that is not the usual one
     most_little: float = 0.95  # [-] up to which a size is narrower where it is not in the set
     odds: float = 0.03  # [-] that a size is there
     most: int = 8  # sizes in a set

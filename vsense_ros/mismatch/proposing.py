@@ -21,6 +21,7 @@ from vsense_ros.mismatch.fitting import Fitting
 from vsense_ros.mismatch.hypothesis import Hypothesis
 from vsense_ros.mismatch.search_settings import EFFORT
 from vsense_ros.mismatch.secants import Secants
+from vsense_ros.model.effects import EVERY, Effect
 
 Array = NDArray[np.float64]
 Key = tuple[str, str]  # name and form of a free parameter
@@ -88,7 +89,7 @@ class Proposing:
         sizes = []
         for key, p in self.parameters.items():
             effect = self.effects[key]
-            little = EVIDENCE.form if p.form else EVIDENCE.seeming.get(effect, EVIDENCE.little)
+            little = EVIDENCE.form if p.form else EVERY.get(effect, Effect).little
             if not p.form and p.name in usual:
                 little = max(little, usual[p.name] / p.deviation)
             low, high = p.low / p.deviation - EVIDENCE.settled, p.high / p.deviation + EVIDENCE.settled
