@@ -49,7 +49,8 @@ class Proposing:
         """The likeliest set, and what is instead of each of its effects; none if nothing is likelier than something."""
         at, columns = self.begin, self._columns_at(self.begin)
         chosen: Chosen = frozenset()
-        for _ in range(EFFORT.rounds):
+        rounds = max(1, min(EFFORT.rounds, int(EFFORT.linear_again / sum(self._durations))))
+        for _ in range(rounds):
             evidence = self._evidence(at, columns)
             best = evidence.search(chosen)
             at, same, chosen = self._moved(at, columns, evidence, best), best == chosen, best
