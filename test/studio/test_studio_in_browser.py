@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from pathlib import Path
 from typing import Any
 
@@ -77,7 +78,8 @@ def test_a_car_is_identified_and_used_by_clicks(address: str, browser: Any) -> N
     with page_of(browser) as page:
         page.goto(address)
         go(page, "identify")
-        if page.get_by_text("Run Check first").count():
+        page.get_by_label("Model").wait_for()
+        if page.get_by_text(re.compile("[Rr]un Check (first|again)")).count():
             go(page, "check")
             run(page, "Run check", "nothing looks wrong")
             go(page, "identify")
