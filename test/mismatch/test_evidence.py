@@ -23,7 +23,7 @@ def blocks():
 
 
 def sizes(joins=True):
-    """Of all unknowns but the first, which is a base parameter."""
+    """The sizes that may be in a set: all unknowns but the first, which is a base parameter."""
     return [Size(i, f"effect {i}", f"size {i}", -9.0, 9.0, LITTLE, joins) for i in range(1, UNKNOWNS)]
 
 

@@ -92,7 +92,7 @@ def test_what_is_forgotten_is_in_no_sum():
     assert sums.counts.tolist() == [[1.0, 1.0]] * 4
 
 
-def test_what_sums_usually_are_is_learnt_within_a_minute_and_not_from_a_single_large_one():
+def test_what_sums_usually_are_is_estimated_within_a_minute_and_not_from_a_single_large_one():
     rng, blocks = np.random.default_rng(1), 60 * SECOND // BLOCK
     sums, coloured = Sums(2), 0.0
     for i in range(blocks):

@@ -180,7 +180,7 @@ def steering_range(subject: Subject, _: Sequence[Finding]) -> Iterator[Finding]:
 
 
 def steering_size(subject: Subject, before: Sequence[Finding]) -> Iterator[Finding]:
-    """Steering angles in which no car of any ratio turns as this one: in another unit, or of another part."""
+    """Steering angles with which no car, whatever its ratio, turns as this one: in another unit, or of another part."""
     motion, topic = subject.motion, subject.topics.get(Role.STEERING)
     reference = None if motion is None else motion.first_turning(GNSS, GYRO, WHEELS)
     if motion is None or topic is None or reference is None:

@@ -64,8 +64,8 @@ class Products:
         cls, residuals: Sequence[Array], slopes: Sequence[NDArray[np.floating]], signals: Sequence[int],
         durations: Sequence[float],
     ) -> Products:  # fmt: skip
-        """Of windows with residuals (signals × instants,), slopes (signals × instants, k), so many `signals` and these
-        `durations` [s]; those without residuals are left out."""
+        """The products of windows with residuals (signals × instants,), slopes (signals × instants, k), so many
+        `signals`, and `durations` [s]; windows without residuals are left out."""
         blocks = []
         for r, s, count, duration in zip(residuals, slopes, signals, durations, strict=True):
             if len(r):
@@ -113,11 +113,12 @@ class SetEvidence:
         return np.array([size.unknown for size in self.sizes], int)
 
     @cached_property
-    def _little(self) -> Array:
-        """(sizes,) precisions of those that are not in a set."""
+    def _precisions(self) -> Array:
+        """(sizes,) inverse prior variances of sizes that are not in a set."""
         return np.array([size.little for size in self.sizes]) ** -2.0
 
     def _log_odds(self, chosen: Chosen) -> float:
+        """Logarithm of the prior odds of a set against none."""
         odds = self.settings.odds
         return len(chosen) * float(np.log(odds / (1 - odds)))
 
@@ -138,9 +139,10 @@ class SetEvidence:
         return self.known[chosen]
 
     def _posterior(self, chosen: Chosen) -> Posterior:
+        """The likeliest unknowns with a set, by reweighted least squares, and Laplace's evidence there."""
         p, m, a = self.products, self._samples, self._expected
         precision = np.ones(len(self.present))
-        precision[self._unknowns] = self._little
+        precision[self._unknowns] = self._precisions
         precision[self._unknowns[sorted(chosen)]] = 1.0
         weights = self._weights
         change: Array = np.zeros(len(self.present))
@@ -162,6 +164,7 @@ class SetEvidence:
         return Posterior(evidence, unknowns, np.asarray(np.linalg.inv(information), float))
 
     def _may_be(self, chosen: Chosen) -> bool:
+        """True if a set is not too large, and has each effect in one form."""
         names = [self.sizes[i].name for i in chosen]
         effects = Counter(self.sizes[i].effect for i in chosen)
         one = all(effects[self.sizes[i].effect] == 1 or self.sizes[i].joins for i in chosen)
@@ -173,7 +176,7 @@ class SetEvidence:
         at = self.of(chosen)
         x, c = at.unknowns[self._unknowns], at.covariance[np.ix_(self._unknowns, self._unknowns)]
         inside = np.array([i in chosen for i in range(len(self.sizes))])
-        new, old = np.where(inside, self._little, 1.0), np.where(inside, 1.0, self._little)
+        new, old = np.where(inside, self._precisions, 1.0), np.where(inside, 1.0, self._precisions)
         more = new - old  # of precision
         normed = 0.5 * np.log(new / old)
         one = normed - 0.5 * np.log1p(more * np.diag(c)) - 0.5 * more * x**2 / (1 + more * np.diag(c))
@@ -189,8 +192,7 @@ class SetEvidence:
             promised[chosen ^ {i}] = float(gain)
         for i, j in np.argwhere(np.triu(np.isfinite(two), 1)):
             promised[chosen ^ {int(i), int(j)}] = float(two[i, j])
-        known = self._log_odds(chosen)
-        ranked = sorted(promised, key=lambda other: promised[other] + self._log_odds(other) - known, reverse=True)
+        ranked = sorted(promised, key=lambda other: promised[other] + self._log_odds(other), reverse=True)
         return [other for other in ranked if self._may_be(other)][: self.settings.tried]
 
     def search(self, begin: Chosen = frozenset()) -> Chosen:

@@ -28,6 +28,7 @@ Key = tuple[str, str]  # name and form of a free parameter
 
 
 def key_of(parameter: FreeParameter) -> Key:
+    """By which a free parameter is found again in another fit."""
     return parameter.name, parameter.form
 
 
@@ -74,6 +75,7 @@ class Proposing:
     def _fitted(
         self, joints: Sequence[tuple[tuple[Candidate, ...], Fit]], probabilities: Mapping[str, float]
     ) -> list[Hypothesis]:
+        """Hypotheses of candidates and fits to go on from, side by side, with the probabilities of effects by id."""
         fits = fit_each(self.residuals, self.secants.start, [one for _, one in joints], self.secants.base.residuals)
         fitted = []
         for (candidates, _), of in zip(joints, fits, strict=True):

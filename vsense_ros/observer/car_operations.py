@@ -14,7 +14,7 @@ from vsense_ros.estimation.gaussian import COMPONENTS
 from vsense_ros.estimation.operations import ADDRESS, Operations, library
 from vsense_ros.model.car.steps import GAMMA
 from vsense_ros.model.constants import GRAVITY
-from vsense_ros.observer.car_memory import CarMemory, Sensed
+from vsense_ros.observer.car_memory import CarMemory, Sensed, step_length
 from vsense_ros.observer.wheel_torques import STANDING
 
 Array = NDArray[np.float64]
@@ -167,9 +167,10 @@ class CarOperations(Operations):
         return cls(compiled, car, live, sensors, outputs, [expect, brakes, *kept_alive])
 
     def process(self, h: float) -> int:
-        address = self._processes.get(round(h * 1e5))
+        length = step_length(h)
+        address = self._processes.get(length)
         if address is None:
-            address = self._processes[round(h * 1e5)] = int(self._car.processes(h).ctypes.data)
+            address = self._processes[length] = int(self._car.processes(h).ctypes.data)
         return address
 
     def learn(

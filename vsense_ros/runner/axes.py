@@ -72,7 +72,7 @@ class Axes:
 
     def leave_out(self, axis: int, out: Out) -> None:
         """Do not believe an axis any more. One that was right for long need not agree longer than at first."""
-        if out.decided - self.believed.get(axis, out.decided) > VOTE.learnt:
+        if out.decided - self.believed.get(axis, out.decided) > VOTE.memory:
             self.wait.pop(axis, None)
         self.out[axis] = out
         self.refused_from.pop(axis, None)

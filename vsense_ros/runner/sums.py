@@ -1,7 +1,7 @@
 """Sums of whitened innovations over several times (Mehra 1970): if a filter is right, they are normal numbers.
 
 No filter of a real car is quite right. What it leaves over of this axis of this car, on this road, is what the sums
-usually are: their mean square with forgetting (covariance matching, Mehra 1972), which is learnt before an axis is
+usually are: their mean square with forgetting (covariance matching, Mehra 1972), which is estimated before an axis is
 judged by them. A model that is usually off by three deviations accuses nobody of ten.
 """
 
@@ -84,15 +84,15 @@ class Sums:
         np.divide(np.square(self.totals, out=self._square), self.usual, out=self._square)
         self._seen += 1
         if self._seen >= WINDOWS[SHORT]:
-            self._learn()
+            self._average()
         return bool(np.count_nonzero(np.greater(self._square, self._limits, out=self._beyond)))
 
-    def _learn(self) -> None:
+    def _average(self) -> None:
         """Take in what the sums of the axes are now; a single large one says little of what they usually are."""
         self._seen, axes = 0, slice(self._axes)
         usual, counts = self.usual[:, axes], self.counts[:, axes]
         square = self._square[:, axes] / np.maximum(counts, 1.0) * usual
-        share = VOTE.block * WINDOWS.item(SHORT) / VOTE.learnt
+        share = VOTE.block * WINDOWS.item(SHORT) / VOTE.memory
         change = np.where(counts > 0, np.minimum(square, VOTE.unusual * usual) - usual, 0.0)
         np.maximum(usual + share * change, 1.0, out=usual)
 

@@ -19,7 +19,7 @@ class VoteSettings:
     streak: int = 50_000_000  # [ns] after which a refusal does not belong to those before
     block: int = 20_000_000  # [ns] in which innovations are summed
     rows: int = 128  # messages in a block at most
-    learnt: int = 20_000_000_000  # [ns] over which it is averaged how far sums usually are
+    memory: int = 20_000_000_000  # [ns] over which the mean square of sums is averaged
     unusual: float = 4.0  # [-] times the usual square, beyond which a sum counts no more in that
     jump: float = 9.5  # [-] sum of one block or two: the axis has jumped away from what all others measure
     # [ns] of refusals, after which an axis that is still confirmed is used: as long as the course is that confirms it,

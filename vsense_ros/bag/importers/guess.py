@@ -235,7 +235,7 @@ def _signal(name: str, topic: str, field: str, stated: str, values: Array, remar
         "altitude": "m",
         "speed": "km/h" if largest > 90 else "m/s",
         "forward": "km/h" if largest > 90 else "m/s",
-        "left": "m/s",  # as forward, in the end
+        "left": "m/s",  # until `_velocities_alike` gives it the unit of `forward`
         "course": "deg" if largest > 7 else "rad",
         "position.steering_wheel": "deg" if largest > 15 else "rad",
         "position.road_wheel_front": "deg" if largest > 1 else "rad",
@@ -276,7 +276,7 @@ def _drop_halves(topics: dict[str, Any], remarks: list[str]) -> None:
 
 
 def _velocities_alike(topics: Mapping[str, Any], remarks: list[str]) -> None:
-    """A velocity to the left that states no unit has that of the one forward; say what a reference is for."""
+    """Give a velocity to the left that states no unit that of the one forward, and say what a reference is for."""
     for topic in ("reference/odometry", "vehicle/velocity"):
         if "left" in (fields := topics.get(topic, {})):
             forward, left = fields["forward"], fields["left"]
