@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import argparse
 import json
 import sys
 from collections.abc import Callable
@@ -45,6 +46,7 @@ def missing(name: str) -> str:
 
 
 def main() -> int:
+    argparse.ArgumentParser(description=__doc__).parse_args()
     for name, make in PAGES.items():
         if lacking := missing(name):
             print(f"docs/{name} stays as it is: {lacking} is not installed here", file=sys.stderr)

@@ -120,6 +120,8 @@ MEASUREMENTS = {
     "gnss_velocity": Measured("course", Components([0, 1])),
     "gnss_position": Measured("position", Components([0, 1])),
     "heading": Measured("heading", heading),
+    "roll": Measured("tilt", Components([0])),
+    "pitch": Measured("tilt", Components([1])),
     "steering": Measured("steering", Components([0])),
     "gyro": Measured("rates and forces", Components([2])),
     "lateral_force": Measured("rates and forces", Components([4])),

@@ -81,7 +81,7 @@ def known_topics() -> dict[str, Topic]:
 def unheard(topics: Iterable[str], sensors: Iterable[SensorBase], vehicle: str) -> list[str]:
     """Sentences about the topics of a recording to which no sensor of a vehicle listens."""
     heard = {sensor.topic for sensor in sensors}
-    kinds = {str(kind.model_fields["topic"].default): name for name, kind in KINDS.items()}
+    kinds = {str(kind.model_fields["topic"].default): name for name, kind in reversed(KINDS.items())}
     return [
         f"{vehicle} has no sensor for {topic}, which the recording has: add {kinds[topic]} to sensors"
         for topic in topics

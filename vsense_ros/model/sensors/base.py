@@ -39,6 +39,7 @@ NoiseFromMessage = Annotated[
 # - ground speed: how fast the car moves over ground;
 # - course: velocity to the east and to the north [m/s], hence the direction of travel;
 # - heading: direction of the car on the map; position: east and north [m];
+# - tilt: roll and pitch of the body over the horizon [rad];
 # - steering: road-wheel angle [rad], rear steering: that of the rear wheels;
 # - torques: of the wheels fl, fr, rl, rr [N m];
 # - articulation: angle from the car's heading to that of its trailer [rad].
@@ -48,6 +49,7 @@ MeasuredQuantity = Literal[
     "ground speed",
     "course",
     "heading",
+    "tilt",
     "position",
     "height",
     "steering",

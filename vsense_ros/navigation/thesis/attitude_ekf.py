@@ -2,7 +2,8 @@
 
     (φ̇, θ̇, ψ̇) = A(φ, θ) ((p, q, r)_m - b)                     eq. 4.31, Euler angles of ISO 8855 (nose up: θ < 0)
 
-Two antennas one behind the other measure the heading; roll and pitch are close to zero.
+Two antennas measure the heading, and where the vehicle file says so (`gnss_tilt`) pitch or roll; without that, roll and
+pitch are close to zero.
 """
 
 from __future__ import annotations
@@ -53,6 +54,11 @@ def angle_rates(roll: ca.SX, pitch: ca.SX, rates: ca.SX) -> ca.SX:
     return ca.vertcat(p + across * ca.tan(pitch), ca.cos(roll) * q - ca.sin(roll) * r, across / ca.cos(pitch))
 
 
+def by_base_line(angle: str) -> Measurement:
+    """An angle ("roll" or "pitch") as two antennas measure it."""
+    return Measurement(angle, lambda x, z, u, p: x[angle], (0.01,), angles=(0,))
+
+
 HEADING = Measurement("heading", lambda x, z, u, p: x.yaw, (0.01,), angles=(0,))
 UPRIGHT = Measurement("upright", lambda x, z, u, p: [x.roll, x.pitch], (10 * LEVEL, 10 * LEVEL))
-ATTITUDE_EKF = Definition.of(AttitudeEkf(), HEADING, UPRIGHT)
+ATTITUDE_EKF = Definition.of(AttitudeEkf(), HEADING, by_base_line("roll"), by_base_line("pitch"), UPRIGHT)

@@ -12,6 +12,7 @@ from vsense_ros.navigation.thesis import (
     model_observers,
     parameter_ekf,
     side_slip_kkf,
+    tilt_kkf,
     triple_kkf,
     wheel_speed_ekf,
     wheel_speed_observer,
@@ -94,6 +95,16 @@ THESIS: dict[str, tuple[str, Definition, str]] = {
         "to repeat table 4.9",
     ),
     "attitude_ekf": ("attitude by gyros and two antennas", attitude_ekf.ATTITUDE_EKF, "for the attitude alone"),
+    "pitch_kkf": (
+        "pitch by gyro and two antennas, one behind the other",
+        tilt_kkf.PITCH_KKF,
+        "to repeat section 4.5: pitch of body and road, without a number of the car",
+    ),
+    "roll_kkf": (
+        "roll by gyro and two antennas side by side",
+        tilt_kkf.ROLL_KKF,
+        "to repeat section 4.5: roll of body and road, without a number of the car",
+    ),
     "body_ins": ("INS in the axes of the car, open loop", open_loop.BODY_INS, "to see how an inertial sensor drifts"),
     "map_ins": (
         "INS on the map, open loop",
