@@ -117,7 +117,16 @@ EXPERIMENTS: Sequence[tuple[Change, tuple[tuple[str, str, str], ...]]] = (
     ),
     (
         Change("sensors without noise", noise=0.0),
-        (("4.2", "LC35", "v_y N"), ("5.4", "DO45", "beta 2c N"), ("5.4", "LC35", "beta 2c N")),
+        (
+            ("4.2", "LC35", "v_y N"),
+            ("4.4", "DO15", "psi of wheels b2 N"),
+            ("5.4", "DO45", "beta 2c N"),
+            ("5.4", "LC35", "beta 2c N"),
+        ),
+    ),
+    (
+        Change("twice the noise of all sensors", noise=2.0),
+        (("4.4", "DO15", "psi of wheels b2 N"),),
     ),
     (
         Change("each heading in a bend counts as new", definition=_HEADING_AS_NEW),
