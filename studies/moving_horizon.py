@@ -234,6 +234,6 @@ def table(rows: list[Row]) -> Table:
     heads = ("side slip [°]", "speed [m/s]", "lateral force of a wheel [N]", "time of a sample [µs]")
     found = plain_table("RMSE", "", *heads, right=heads)
     for row in rows:
-        cells = (f"{np.degrees(row.side_slip):.3f}", f"{row.speed:.3f}", f"{row.force:.0f}", f"{row.microseconds:.0f}")
+        cells = (f"{np.degrees(row.side_slip):.3g}", f"{row.speed:.3g}", f"{row.force:.0f}", f"{row.microseconds:.0f}")
         found.add_row(row.case, row.estimator, *cells)
     return found
