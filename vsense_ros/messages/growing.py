@@ -37,6 +37,7 @@ class Growing:
 
     def add(self, block: NDArray[np.float64]) -> None:
         """Take the next rows."""
+        block = np.ascontiguousarray(block, dtype=float)  # what they are a part of need not be kept
         self._parts.append(block)
         self._rows += len(block)
         self._width = block.shape[1]
@@ -56,7 +57,7 @@ class Growing:
             if self._file is None:
                 self._file = TemporaryFile()  # noqa: SIM115 - open as long as its map is
             for part in self._parts:
-                self._file.write(np.ascontiguousarray(part, dtype=float).data)
+                self._file.write(part.data)
             self._file.flush()
         except OSError as error:
             reason = f"no room for a long recording's estimates ({error.strerror}); TMPDIR names another folder"

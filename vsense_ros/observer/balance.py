@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator
 from math import exp, isfinite, pi
 
 import numpy as np
@@ -13,18 +13,17 @@ from vsense_ros.estimation.timeline import Event
 from vsense_ros.messages.diagnostic import Diagnostic, Level
 from vsense_ros.model.car.balance import SHARES, CarBalance
 from vsense_ros.model.constants import GRAVITY
-from vsense_ros.model.coordinates import PITCH, ROLL, STEERING_OFFSET
+from vsense_ros.model.coordinates import PITCH, ROLL
 from vsense_ros.model.sensors import SensorBase
 from vsense_ros.model.sensors.imu import FORCES
 from vsense_ros.model.vehicle import Vehicle
-from vsense_ros.observer.estimate import Estimate, with_missing_forces
-from vsense_ros.observer.state import DISTURB, FORCE, FORWARD
+from vsense_ros.observer.estimate import Estimate, stacked
+from vsense_ros.observer.state import FORWARD
 
 Array = NDArray[np.float64]
 
 CUTOFF = 2.0  # [Hz] above it a road shakes wheels and sensor each in its own way
 MEMORY = 5.0  # [s] over which the root mean square of what is over is reported
-BLOCK = 256  # estimates that are compared at once
 LONGEST_GAP = 0.5  # [s] between estimates, or since the sensor was heard, after which all is forgotten
 _AT_REST = np.array([0.0, 0.0, 0.0, 0.0, 0.0, GRAVITY])  # what an axis that is absent would measure, about
 _TIME_CONSTANT = np.sqrt(np.sqrt(2) - 1) / (2 * pi * CUTOFF)  # [s] of each of two, which together have this cutoff
@@ -105,7 +104,7 @@ class Balance:
             self._stamp = 0
             return
         self._waiting.append((estimate, self._value))
-        if len(self._waiting) == BLOCK:
+        if estimate.block.is_full:
             self.settle()
 
     def settle(self) -> None:
@@ -116,60 +115,61 @@ class Balance:
         if not self._waiting:
             return
         estimates = [estimate for estimate, _ in self._waiting]
-        signals = self._signals(estimates, np.array([reading for _, reading in self._waiting]))
+        together = stacked(estimates)
+        signals = self._signals(together, np.array([reading for _, reading in self._waiting]))
         self._waiting.clear()
         self._newest = estimates[-1]
-        once, low, passed = self._low_passed([e.stamp for e in estimates], signals)
+        passed = np.diff([self._stamp, *(e.stamp for e in estimates)]) * 1e-9
+        self._stamp = estimates[-1].stamp
+        anew = ~((passed >= 0) & (passed < LONGEST_GAP))
+        passed[anew] = 0.0
+        once, low = self._low_passed(signals, passed, anew)
         rates, turning = low[:, :3], (once[:, :3] - low[:, :3]) / _TIME_CONSTANT
         # The lever arm's tangential and centripetal parts, ω × (ω × r) = ω (ω · r) - r ω².
         force = low[:, 3:6] + turning @ self._by_turning.T - rates * (rates @ self._arm)[:, None]
         force += self._arm * np.sum(rates**2, axis=1)[:, None]
-        speed = np.array([e.state.item(FORWARD) for e in estimates])
-        residual = low[:, 6:12] - self._car.of_motion(force, turning, low[:, 12], low[:, 13], speed)
-        rough = (signals[:, 3:6] - low[:, 3:6]) ** 2
-        for square, noise, time in zip(self._car.shares(residual) ** 2, rough, passed, strict=True):
-            if time is None:
-                self._square[:], self._noise[:], self._since, time = 0.0, 0.0, 0.0, 0.0
-            self._since += time
-            share = 1 - exp(-time / MEMORY)
-            self._square += share * (square - self._square)
-            # Of white noise one filter leaves time / 2 τ of the variance, and two of them half of that.
-            self._noise += share * (noise * min(time / _TIME_CONSTANT, 1.0) / 4 - self._noise)
+        motion = self._car.of_motion(force, turning, low[:, 12], low[:, 13], together.state[:, FORWARD])
+        residual = low[:, 6:12] - motion
+        # Of white noise one filter leaves time / 2 τ of the variance, and two of them half of that.
+        noise = (signals[:, 3:6] - low[:, 3:6]) ** 2 * np.minimum(passed / _TIME_CONSTANT, 1.0)[:, None] / 4
+        self._average(np.hstack([self._car.shares(residual) ** 2, noise]), passed, anew)
         residual[:, ~self._measured] = np.nan
         for estimate, row in zip(estimates, residual, strict=True):
             estimate.unbalanced[:] = row
 
-    def _signals(self, estimates: Sequence[Estimate], readings: Array) -> Array:
+    def _signals(self, estimates: Estimate, readings: Array) -> Array:
         """What is low-passed of n estimates and the readings beside them (n, 6): rates and specific force in the axes
         of the car, force and moment of the tyres, roll and pitch, (n, 14)."""
-        names = ("model_wheels", "state", "inputs", "longitudinal_shares", "axle_distances")
-        model_wheels, state, inputs, shares, distances = (np.array([getattr(e, n) for e in estimates]) for n in names)
-        steering = inputs[:, 0] - state[:, DISTURB.start + STEERING_OFFSET]
-        wheels = with_missing_forces(model_wheels, state[:, FORCE], steering, shares, distances)
-        signals = np.empty((len(estimates), 14))
+        state, steering = estimates.state, estimates.steering
+        signals = np.empty((len(readings), 14))
         signals[:, :3], signals[:, 3:6] = readings[:, :3] @ self._to_car.T, readings[:, 3:] @ self._to_car.T
-        signals[:, 6:12] = self._car.of_tyres(wheels, steering)
+        signals[:, 6:12] = self._car.of_tyres(estimates.wheels, steering)
         signals[:, 12], signals[:, 13] = state[:, ROLL], state[:, PITCH]
         return signals
 
-    def _low_passed(self, stamps: Sequence[int], signals_of_all: Array) -> tuple[Array, Array, list[float | None]]:
-        """Signals (n, 14) after one and after both low-pass filters, and the time since the one before [s]; None where
-        the filters began anew."""
-        once, twice = np.empty_like(signals_of_all), np.empty_like(signals_of_all)
-        times: list[float | None] = []
-        for i, (stamp, signals) in enumerate(zip(stamps, signals_of_all, strict=True)):
-            passed = (stamp - self._stamp) * 1e-9
-            self._stamp = stamp
-            if 0 <= passed < LONGEST_GAP:
-                share = 1 - exp(-passed / _TIME_CONSTANT)
-                self._once += share * (signals - self._once)
-                self._twice += share * (self._once - self._twice)
-                times.append(passed)
-            else:
-                self._once[:] = self._twice[:] = signals
-                times.append(None)
-            once[i], twice[i] = self._once, self._twice
-        return once, twice, times
+    def _low_passed(self, signals: Array, passed: Array, anew: NDArray[np.bool_]) -> tuple[Array, Array]:
+        """Signals (n, 14) after one and after both low-pass filters; `passed` (n,) is the time since the one before [s],
+        and where `anew` (n,) is true the filters begin."""
+        once, twice = np.empty_like(signals), np.empty_like(signals)
+        for part in _stretches(anew):
+            if anew[part.start]:
+                self._once[:] = self._twice[:] = signals[part.start]
+            decay, weights = _response(passed[part] / _TIME_CONSTANT)
+            once[part] = weights @ signals[part] + decay * self._once
+            twice[part] = weights @ once[part] + decay * self._twice
+            self._once[:], self._twice[:] = once[part.stop - 1], twice[part.stop - 1]
+        return once, twice
+
+    def _average(self, squares: Array, passed: Array, anew: NDArray[np.bool_]) -> None:
+        """Let squares of what is over (n, 6), and of what noise leaves of it (n, 3) beside them, count in their means."""
+        for part in _stretches(anew):
+            if anew[part.start]:
+                self._square[:], self._noise[:], self._since = 0.0, 0.0, 0.0
+            self._since += float(passed[part].sum())
+            decay, weights = _response(passed[part] / MEMORY)
+            mean = weights[-1] @ squares[part]
+            self._square[:] = mean[:6] + decay.item(-1) * self._square
+            self._noise[:] = mean[6:] + decay.item(-1) * self._noise
 
     def _deviations(self) -> Array:
         """Standard deviations of what is over, as `SHARES` (6,): those of the car's acceleration, which the tyres make,
@@ -205,3 +205,18 @@ class Balance:
         worst = 100 * float(mean[comparable].max(initial=0.0))
         text = f"tyre forces add up to what {self.sensor} feels, to {worst:.0f} %"
         return Diagnostic("balance of forces", Level.OK, text, values)
+
+
+def _stretches(anew: NDArray[np.bool_], most: int = 64) -> Iterator[slice]:
+    """Stretches of n numbers, of which a new one begins where `anew` (n,) is true. Each is of so many at `most`, as the
+    work of `_response` grows with their square."""
+    begins = sorted({*range(0, len(anew), most), *np.flatnonzero(anew).tolist()})
+    return (slice(first, end) for first, end in zip(begins, [*begins[1:], len(anew)], strict=True))
+
+
+def _response(steps: Array) -> tuple[Array, Array]:
+    """How a low-pass filter answers at each of n steps, whose lengths (n,) are in time constants: how much is left of
+    its value before them (n, 1), and how much of each input (n,) is in it (n, n)."""
+    ages = np.cumsum(steps)
+    since = np.minimum(ages - ages[:, None], 0.0)
+    return np.exp(-ages)[:, None], np.tril(np.exp(since)) * -np.expm1(-steps)

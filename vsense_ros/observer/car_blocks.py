@@ -74,7 +74,7 @@ def accelerations_by_error(by_q: Array, by_u: Array, by_disturbances: Array, siz
 
 
 def wheels_by_error(derivative: Array, mass: Array, size: int) -> tuple[Array, Array]:
-    """Derivatives (…, 16, n) and (…, 3, n) by the errors of a state of this size, of those in `CarBlocks.shown`."""
+    """Derivatives (…, 16, n) and (…, 3, n) by the errors of a state of this size, of those in `CarBlocks.show`."""
     by_error, lacking = np.zeros((*derivative.shape[:-1], size)), np.zeros((*mass.shape[:-1], size))
     by_error[..., _OF_FORCES] = derivative
     lacking[..., FORCE] = mass
@@ -281,11 +281,16 @@ class CarBlocks(CarMemory):
         udot, wheels = self._present.results
         return udot[:, 0], wheels
 
-    def shown(self) -> Array:
-        """What outputs need beside the `memory`, copied: the results of `present`, then derivatives at the present
-        state of which `wheels_by_error` makes those by the errors: of force x, y, z and aligning moment of each wheel
-        as the model has them, (16, k), and of the generalized forces along x and y and about z that it lacks, (3, 14).
-        All of them are column by column."""
+    @property
+    def shown_size(self) -> int:
+        """How many numbers `show` fills."""
+        return self._shown.size
+
+    def show(self, into: Array) -> None:
+        """What outputs need beside the `memory`: the results of `present`, then derivatives at the present state of
+        which `wheels_by_error` makes those by the errors: of force x, y, z and aligning moment of each wheel as the
+        model has them, (16, k), and of the generalized forces along x and y and about z that it lacks, (3, 14). All of
+        them are column by column."""
         self._present.call()
         self._wheel_forces.call()
-        return self._shown.copy()
+        into[:] = self._shown

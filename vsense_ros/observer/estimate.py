@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field, fields, replace
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any
 
@@ -51,11 +51,32 @@ _OVER_AND_OF_ROAD = np.column_stack([np.eye(6), [0, 0, 1, 0, 0, 0], [0, 0, 0, 1,
 _VELOCITY, _RATES = (slice(TWIST.start + part.start, TWIST.start + part.stop) for part in (slice(0, 3), slice(3, 6)))
 _LONGITUDINAL_FORCES = slice(0, None, 4)
 _LATERAL_FORCES = slice(1, None, 4)  # of force x, y, z and moment of each wheel
-_UNKNOWN = np.full(6, np.nan)
-_WHEELS_SHOWN = slice(COORDINATES, COORDINATES + 7 * len(WHEELS))  # of `CarBlocks.shown`
+_WHEELS_SHOWN = slice(COORDINATES, COORDINATES + 7 * len(WHEELS))  # of `CarBlocks.show`
 _PLACE, _YAW_OF_POSE = [0, 1], 5  # of position and attitude
 _SLOW = 4.0  # [m/s] below it a course says little of the heading
 _SMALLEST_SPEED = 0.5  # [m/s] below it a side-slip angle has no meaning
+
+
+class Block:
+    """Room for as many estimates of one filter as `size`: of each of their arrays it has one, in which they are rows, so
+    that what is computed of all of them at once needs no copies."""
+
+    def __init__(self, car: CarBlocks, size: int) -> None:
+        self.memory = np.empty((size, car.places["parameters"].stop))
+        self.shown = np.empty((size, car.shown_size))
+        self.longitudinal_shares = np.empty((size, len(WHEELS)))
+        self.unbalanced = np.full((size, 6), np.nan)
+        self.undecided = np.zeros((size, 9))
+        self.bend = np.zeros(size)
+        self.used = 0
+
+    @property
+    def is_full(self) -> bool:
+        """True if there is no room left."""
+        return self.used == len(self.bend)
+
+
+_ARRAYS = ("memory", "shown", "longitudinal_shares", "unbalanced", "undecided", "bend")
 
 
 @dataclass(eq=False)
@@ -68,26 +89,33 @@ class Estimate:
 
     stamp: int  # [ns]
     memory: Array  # (s,) of the car, as `CarMemory.places`, at least up to its parameters
-    shown: Array  # (k,) as `CarBlocks.shown`
+    shown: Array  # (k,) as `CarBlocks.show`
+    longitudinal_shares: Array  # (4,) as `CarMemory`
+    # Force [N] and moment [N m] of the tyres beyond what the inertial sensor feels, as `model.car.balance` and
+    # low-passed; NaN while it is not heard.
+    unbalanced: Array  # (6,)
+    # Variances of velocity, rates, place, heading and place along the car that contradictions between sensors add,
+    # until it is decided who is wrong, or that nobody measures.
+    undecided: Array  # (9,)
+    bend: Array  # () [1/m] largest curvature of the way of late
     belief: Gaussian | None  # None where it is in the memory
     names: tuple[str, ...]  # of the state
     car: CarBlocks  # of the filter, whose settings do not change
     vehicle: Vehicle
-    longitudinal_shares: Array  # (4,) as `CarMemory`
-    # (6,) force [N] and moment [N m] of the tyres beyond what the inertial sensor feels, as `model.car.balance` and
-    # low-passed; NaN while it is not heard.
-    unbalanced: Array = field(default_factory=_UNKNOWN.copy)
-    # (9,) variances of velocity, rates, place, heading and place along the car that contradictions between sensors add,
-    # until it is decided who is wrong, or that nobody measures.
-    undecided: Array = field(default_factory=lambda: np.zeros(9))
-    bend: Array = field(default_factory=lambda: np.zeros(()))  # [1/m] largest curvature of the way of late
+    block: Block  # and
+    row: int  # of it, where the arrays are
 
     @classmethod
-    def of(cls, stamp: int, filter: CarFilter) -> Estimate:
-        """Read a filter, and leave it as it is."""
-        car = filter.car
-        memory, belief = car.memory[: car.places["parameters"].stop].copy(), None if filter.in_car else filter.belief()
-        return cls(stamp, memory, car.shown(), belief, filter.names, car, car.vehicle, car.longitudinal_shares)
+    def of(cls, stamp: int, filter: CarFilter, block: Block | None = None) -> Estimate:
+        """Read a filter, and leave it as it is; the arrays are in the next row of a block."""
+        car, belief = filter.car, None if filter.in_car else filter.belief()
+        block = Block(car, 1) if block is None else block
+        row, block.used = block.used, block.used + 1
+        memory, shown, shares = block.memory[row], block.shown[row], block.longitudinal_shares[row]
+        memory[:], shares[:] = car.memory[: len(memory)], car.longitudinal_shares
+        car.show(shown)
+        added = block.unbalanced[row], block.undecided[row], block.bend[row, ...]
+        return cls(stamp, memory, shown, shares, *added, belief, filter.names, car, car.vehicle, block, row)
 
     def _part(self, name: str) -> Array:
         return self.memory[..., self.car.places[name]]
@@ -178,10 +206,9 @@ class Estimate:
 
     @cached_property
     def _model_covariance(self) -> Array:
-        """Covariance of the errors of the model's state (m, m), to which parameters do not belong. A filter that has no
-        errors of forces assumes some."""
-        n = self.car.layout.size
-        covariance = self.covariance[..., :n, :n]
+        """Covariance of the errors of the model's state (m, m), to which biases and parameters do not belong. A filter
+        that has no errors of forces assumes some."""
+        covariance = self.covariance[..., : DISTURB.stop, : DISTURB.stop]
         without = ~covariance[..., FORCE, FORCE].any(axis=(-2, -1))
         if without.any():
             covariance = covariance.copy()
@@ -191,7 +218,7 @@ class Estimate:
     @cached_property
     def acceleration_covariance(self) -> Array:
         """Covariance of acceleration and angular acceleration (6, 6), to first order."""
-        by_error = accelerations_by_error(*self.acceleration_slopes, self.car.layout.size)
+        by_error = accelerations_by_error(*self.acceleration_slopes, DISTURB.stop)
         by_error[..., :3, _VELOCITY] += _across(self.rates)
         by_error[..., :3, _RATES] -= _across(self.velocity)
         return by_error @ self._model_covariance @ by_error.swapaxes(-2, -1)
@@ -203,11 +230,11 @@ class Estimate:
         Tyre forces are in proportion to the mass, of which the car's motion says next to nothing: what it may weigh
         beyond the file adds that share of each force, or what is left of it where the filter estimates the mass.
         """
-        by_error, lacking = wheels_by_error(*self.wheel_slopes, self.car.layout.size)
-        along, across, yawing = (lacking[..., i, :] for i in range(3))
+        by_error, lacking = wheels_by_error(*self.wheel_slopes, DISTURB.stop)
+        along, across, yawing = np.moveaxis(lacking, -2, 0)
         to_front, to_rear = self.axle_distances[..., 0, None], self.axle_distances[..., 1, None]
         front = (to_rear * across + yawing) / (to_front + to_rear)
-        steering = self.inputs[..., 0] - self.state[..., DISTURB.start + STEERING_OFFSET]
+        steering = self.steering
         # As in `with_lateral_error`.
         of_axles = np.stack([front / np.cos(steering)[..., None], across - front], axis=-2)
         part = longitudinal_part(self.longitudinal_shares, steering)
@@ -282,9 +309,13 @@ class Estimate:
     def wheels(self) -> Array:
         """Forces and slips as Car.wheel_outputs, corrected by the longitudinal and lateral force that the model lacks,
         (7, 4)."""
-        steering, force = self.inputs[..., 0] - self.state[..., DISTURB.start + STEERING_OFFSET], self.state[..., FORCE]
-        shares = self.longitudinal_shares
-        return with_missing_forces(self.model_wheels, force, steering, shares, self.axle_distances)
+        force, shares = self.state[..., FORCE], self.longitudinal_shares
+        return with_missing_forces(self.model_wheels, force, self.steering, shares, self.axle_distances)
+
+    @property
+    def steering(self) -> Array:
+        """Angle of the road wheels, without its offset, () [rad]."""
+        return self.inputs[..., 0] - self.state[..., DISTURB.start + STEERING_OFFSET]
 
     @property
     def wheel_torques(self) -> Array:
@@ -347,13 +378,16 @@ def _cross(a: Array, b: Array) -> Array:
 
 
 def stacked(estimates: Sequence[Estimate]) -> Estimate:
-    """Many estimates of one filter as one, whose stamp is that of the first."""
+    """Many estimates of one filter as one, whose stamp is that of the first. Where they are neighbours in one block, its
+    arrays are parts of that."""
     first = estimates[0]
-    arrays: dict[str, Any] = {
-        f.name: np.array([getattr(e, f.name) for e in estimates])
-        for f in fields(Estimate)
-        if isinstance(getattr(first, f.name), np.ndarray)
-    }
+    block, rows = first.block, slice(first.row, first.row + len(estimates))
+    neighbours = all(e.block is block and e.row == row for row, e in enumerate(estimates, first.row))
+    arrays: dict[str, Any] = {}
+    for name in _ARRAYS:
+        parts, of_all = [getattr(e, name) for e in estimates], getattr(block, name)
+        in_block = neighbours and all(part.base is of_all for part in parts)
+        arrays[name] = of_all[rows] if in_block else np.array(parts)
     beliefs = [e.belief for e in estimates if e.belief is not None]
     belief = Gaussian(*map(np.array, zip(*beliefs, strict=True))) if beliefs else None
     return replace(first, belief=belief, **arrays)

@@ -26,7 +26,7 @@ from vsense_ros.observer.alignment import Alignment
 from vsense_ros.observer.balance import Balance
 from vsense_ros.observer.beginning import Beginning, Start
 from vsense_ros.observer.error_ekf import CarFilter
-from vsense_ros.observer.estimate import Estimate, estimate_samples, stacked
+from vsense_ros.observer.estimate import Block, Estimate, estimate_samples, stacked
 from vsense_ros.observer.monitor import Limits, Monitor
 from vsense_ros.observer.observable import needs, undetermined
 from vsense_ros.observer.road_map import RoadMap
@@ -54,6 +54,7 @@ class CarAdapterSettings:
     settled: float = 1.0  # [s] from the start on before which nothing counts as converged
     bent: float = 0.06  # [rad] deviation of a heading from which on it bends a velocity; one by a course has 0.05
     turned: float = 0.2  # [rad] that an antenna elsewhere has turned the heading by, at most
+    together: int = 256  # [-] estimates in one block, of some ten megabytes: of 64 each would take twice the time
     alike: float = 0.9  # correlation of the errors of two parameters that can hardly be told apart
 
 
@@ -101,6 +102,7 @@ class CarAdapter(Adapter):
         self.balance = Balance(vehicle, sensors, forces_determined=self.car.prior.torques.determine_forces)
         self.tilt = Tilt(sensors, self.car)
         self.lateral_force_error = self.car.prior.deviation.item(_LATERAL_FORCE)
+        self._block = Block(self.car, 0)
         self._start: Start | None = None
         self._settled = False  # it has converged
         self._bend, self._bent_at = 0.0, 0  # [1/m] largest curvature of late, and when that was looked at [ns]
@@ -319,7 +321,9 @@ class CarAdapter(Adapter):
         return f"heading unknown until {until}"
 
     def snapshot(self, stamp: int) -> Estimate:
-        return Estimate.of(stamp, self.filter)
+        if self._block.is_full:
+            self._block = Block(self.car, SETTINGS.together)
+        return Estimate.of(stamp, self.filter, self._block)
 
     def widen_published(self, snapshot: Estimate, apart: Apart) -> None:
         ahead, across, yaw_rate, place, heading, along = (deviation**2 for deviation in apart)
