@@ -52,6 +52,15 @@ def white_noise(values: Array) -> float:
     return float(np.hypot(white, step / 12**0.5))
 
 
+def white_noise_of_each(signals: Array) -> Array:
+    """`white_noise` of each of some signals (n, m): of all at once, where nothing is held or absent."""
+    held = np.count_nonzero(signals[1:] == signals[:-1])
+    if held or len(signals) < SETTINGS.least_values or not np.isfinite(signals.sum()):
+        return np.array([white_noise(signal) for signal in signals.T])
+    differences = np.abs(signals[3:] - 3 * (signals[2:-1] - signals[1:-2]) - signals[:-3])
+    return np.asarray(np.median(differences, axis=0) / (_MEDIAN_OF_NORMAL * _OF_THIRD_DIFFERENCE))
+
+
 def step_of(values: Array) -> float:
     """The step in which values (n,) come: the least difference of two of them, where all others are multiples of it;
     0 where they do not come in steps. Absent values (NaN) are passed over."""

@@ -5,6 +5,7 @@ from __future__ import annotations
 import ctypes
 from collections.abc import Mapping, Sequence
 from importlib import resources
+from math import inf
 from struct import Struct
 from typing import Any, NamedTuple
 
@@ -127,17 +128,19 @@ class Operations:
         for step, event in events:
             kept, process, steps, h = 0, 0, 0, 0.0
             if step is not None:
-                kept, process, steps, h = step.kept.address, self.process(step.h), step.steps, step.h
-            value = event.value
+                (_, kept), steps, h = step
+                process = self.process(h)
             if isinstance(event, Measured):
                 self._check(event)
-                way = self._sensors[event.sensor], kept, process, h, event.limit, steps, 0
-                variances.append(event.variance)
+                sensor, value, variance, limit = event
+                row = _EVENT.pack(self._sensors[sensor], kept, process, h, limit, steps, 0, len(value))
             else:
-                way = 0, kept, process, h, np.inf, steps, event.first
-                variances.append(value)
-            rows.append(_EVENT.pack(*way, len(value)))
+                first, value = event
+                variance = value
+                row = _EVENT.pack(0, kept, process, h, inf, steps, first, len(value))
+            rows.append(row)
             values.append(value)
+            variances.append(variance)
         measured, moved, nis = np.concatenate(values + variances, dtype=float), ctypes.c_int(), np.zeros(len(rows))
         first = measured.ctypes.data
         addresses = first, first + measured.nbytes // 2, nis.ctypes.data, ctypes.addressof(moved)

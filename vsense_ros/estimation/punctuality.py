@@ -66,12 +66,11 @@ class Punctuality:
             self._believe(self._last)
         if interval <= 0:
             return 0.0
-        known, period = self._count >= SETTINGS.first, self.period
-        self._last = stamp
-        if not self.is_in_order:
+        period, self._last = self.period, stamp
+        if self._out_of_order and not self.is_in_order:
             self._believe(stamp)
             return 0.0
-        if not known or period > SETTINGS.slowest or self._irregularity > SETTINGS.irregular:
+        if self._count < SETTINGS.first or period > SETTINGS.slowest or self._irregularity > SETTINGS.irregular:
             self._learn(interval)
             self._believe(stamp)
             return 0.0

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from vsense_ros.checks.noise import white_noise
+from vsense_ros.checks.noise import white_noise_of_each
 from vsense_ros.estimation.timeline import Event
 
 Array = NDArray[np.float64]
@@ -92,7 +92,7 @@ class SensorNoise:
         """Estimate the noise anew from the newest readings, whose stated variances are (m,)."""
         self._until = len(self._newest)
         newest = np.array(self._newest)
-        deviation = np.array([white_noise(component) for component in newest.T])
+        deviation = white_noise_of_each(newest)
         usual, vibration = np.sqrt(stated), self._vibration(newest)
         deviation = np.where(vibration > SETTINGS.noisier * usual, np.fmax(deviation, vibration), deviation)
         more = deviation > SETTINGS.more * usual

@@ -311,9 +311,10 @@ class Timeline:
             self._corrected(event, 0.0 if innovation is None else innovation.nis, innovation)
 
     def _occur(self, event: Event) -> None:
-        """Let an event happen, not before those of the newest instant."""
+        """Let an event happen, not before those of the newest instant. An input holds from where it comes on: the
+        filter need not be brought to the very time it was read."""
         instant, stamp = self._history[-1], event.stamp
-        if stamp > instant.stamp + self._merge and self._is_later(event, instant):
+        if stamp > instant.stamp + self._merge and self.channels[event.sensor].first_input is None:
             instant = self._move(stamp)
         self._act(event)
         instant.events.append(event)
@@ -329,11 +330,6 @@ class Timeline:
             instant.kept.memory[:] = self.filter.memory
         self._retire_old(stamp)
         return self._take_instant(stamp)
-
-    def _is_later(self, event: Event, instant: Instant) -> bool:
-        """True if an event has an instant of its own. An input holds from where it comes on: the filter need not be
-        brought to the very time it was read."""
-        return event.stamp > instant.stamp + self._merge and self.channels[event.sensor].first_input is None
 
     def _way(self, instant: Instant, stamp: int) -> Step:
         """From an instant to a time [ns]."""
@@ -359,19 +355,22 @@ class Timeline:
         """Let events happen in one go, up to one that needs a closer look; returns how many did."""
         if not self._in_one_go():
             return 0
-        history, instants = self._history, [self._history[-1]]
+        history, channels, merge = self._history, self.channels, self._merge
+        instant = history[-1]
+        instants = [instant]
         plan: list[tuple[Step | None, Measured | Given]] = []
         for event in islice(events, _AT_ONCE):
-            channel, instant, way = self.channels[event.sensor], instants[-1], None
-            if channel.by_hand:
+            name, limit, first_input, by_hand = channels[event.sensor]
+            if by_hand:
                 break
-            if self._is_later(event, instant):
-                way = self._way(instant, event.stamp)
-                instant = self._take_instant(event.stamp)
-            if channel.first_input is None:
-                plan.append((way, Measured(channel.name, event.value, event.variance, channel.limit)))
+            way, stamp = None, event.stamp
+            if first_input is not None:
+                plan.append((way, Given(first_input, event.value)))
             else:
-                plan.append((way, Given(channel.first_input, event.value)))
+                if stamp > instant.stamp + merge:
+                    way = self._way(instant, stamp)
+                    instant = self._take_instant(stamp)
+                plan.append((way, Measured(name, event.value, event.variance, limit)))
             instants.append(instant)
         if not plan:
             return 0

@@ -148,8 +148,8 @@ class Balance:
         return signals
 
     def _low_passed(self, signals: Array, passed: Array, anew: NDArray[np.bool_]) -> tuple[Array, Array]:
-        """Signals (n, 14) after one and after both low-pass filters; `passed` (n,) is the time since the one before [s],
-        and where `anew` (n,) is true the filters begin."""
+        """Signals (n, 14) after one and after both low-pass filters; `passed` (n,) is the time since the one before
+        [s], and where `anew` (n,) is true the filters begin."""
         once, twice = np.empty_like(signals), np.empty_like(signals)
         for part in _stretches(anew):
             if anew[part.start]:
@@ -161,7 +161,8 @@ class Balance:
         return once, twice
 
     def _average(self, squares: Array, passed: Array, anew: NDArray[np.bool_]) -> None:
-        """Let squares of what is over (n, 6), and of what noise leaves of it (n, 3) beside them, count in their means."""
+        """Let squares of what is over (n, 6), and beside them of what noise leaves of it (n, 3), count in their
+        means."""
         for part in _stretches(anew):
             if anew[part.start]:
                 self._square[:], self._noise[:], self._since = 0.0, 0.0, 0.0

@@ -10,6 +10,7 @@ from __future__ import annotations
 from collections.abc import Iterable
 from dataclasses import dataclass
 from math import isfinite
+from statistics import median
 
 import numpy as np
 
@@ -109,7 +110,7 @@ class Beginning:
         speeds = [speed for stamp, speed in self._newest.values() if abs(stamp - latest[0]) < LONGEST_GAP * 1e9]
         if len(speeds) < SETTINGS.fewest:
             return None
-        middle = float(np.median(speeds))
+        middle = median(speeds)
         tolerance = max(SETTINGS.apart_at_least, SETTINGS.apart * middle)
         agree = sum(abs(speed - middle) <= tolerance for speed in speeds)
         return middle if abs(latest[1] - middle) > tolerance and 2 * agree > len(speeds) else None

@@ -58,8 +58,8 @@ _SMALLEST_SPEED = 0.5  # [m/s] below it a side-slip angle has no meaning
 
 
 class Block:
-    """Room for as many estimates of one filter as `size`: of each of their arrays it has one, in which they are rows, so
-    that what is computed of all of them at once needs no copies."""
+    """Room for as many estimates of one filter as `size`: their arrays are rows of its own, so that what is computed of
+    all of them at once needs no copies."""
 
     def __init__(self, car: CarBlocks, size: int) -> None:
         self.memory = np.empty((size, car.places["parameters"].stop))
@@ -378,8 +378,8 @@ def _cross(a: Array, b: Array) -> Array:
 
 
 def stacked(estimates: Sequence[Estimate]) -> Estimate:
-    """Many estimates of one filter as one, whose stamp is that of the first. Where they are neighbours in one block, its
-    arrays are parts of that."""
+    """Many estimates of one filter as one, whose stamp is that of the first; without a copy where they are neighbours
+    in one block."""
     first = estimates[0]
     block, rows = first.block, slice(first.row, first.row + len(estimates))
     neighbours = all(e.block is block and e.row == row for row, e in enumerate(estimates, first.row))

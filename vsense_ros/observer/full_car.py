@@ -101,10 +101,10 @@ class FullCarBlocks(CarBlocks):
             return super().present()
         return self.plant.udot.copy(), self.plant.wheels
 
-    def shown(self) -> Array:
-        shown, (udot, wheels) = super().shown(), self.present()
-        shown[: udot.size], shown[udot.size : udot.size + wheels.size] = udot, wheels.ravel(order="F")
-        return shown
+    def show(self, into: Array) -> None:
+        super().show(into)
+        udot, wheels = self.present()
+        into[: udot.size], into[udot.size : udot.size + wheels.size] = udot, wheels.ravel(order="F")
 
     def put_back(self) -> None:
         """Puts the full car where the filter is."""

@@ -18,7 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vsense_ros.estimation.regression import Posterior, posterior
-from vsense_ros.model.handling.base import slopes, static_loads
+from vsense_ros.model.handling.base import cornering_stiffness, static_loads
 from vsense_ros.model.sensors import Imu, Steering, WheelSpeeds
 from vsense_ros.model.sensors.gnss import Antenna, Receiver
 from vsense_ros.model.vehicle import Vehicle
@@ -40,7 +40,7 @@ def compliance(car: Vehicle, axle: str) -> float:
     arms = chassis.cog_to_rear_axle, chassis.cog_to_front_axle
     index = ("front", "rear").index(axle)
     part, load = (car.physics.front, car.physics.rear)[index], static_loads(car)[index]
-    return chassis.mass * arms[index] / sum(arms) / (2 * slopes(part, load)[1])
+    return chassis.mass * arms[index] / sum(arms) / (2 * cornering_stiffness(part, load))
 
 
 def relative_compliance(car: Vehicle, axle: str) -> float:

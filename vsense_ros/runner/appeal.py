@@ -44,7 +44,7 @@ class Appeals:
 
     def due(self, now: int) -> bool:
         """True if an axis may appeal at a time [ns]."""
-        return any(True for _ in self._waiting(now))
+        return any(axes.out for axes in self._axes.values()) and any(True for _ in self._waiting(now))
 
     def hear(self, timeline: Timeline, recount: Callable[[Timeline, int], Recount]) -> None:
         """Believe axes again without which the others are predicted worse; `recount` counts since a time [ns]."""

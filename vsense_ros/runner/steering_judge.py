@@ -36,7 +36,7 @@ class SteeringJudge(Judge):
         super().__init__()
         self._adapter, self._vote, self._shift, self._report = adapter, vote, shift, report
         self._witnesses = YawWitnesses(adapter.vehicle, adapter.sensors)
-        self.hears = self._witnesses.hears
+        self.hears, self.place = self._witnesses.hears, self._witnesses.steering
         self._yaw_rate = axis_of_yaw_rate(tuple(adapter.sensors.values()))
         self.judged = self._witnesses.possible and adapter.steering_error is not None
         self._recent: deque[tuple[int, float]] = deque(maxlen=STEERING.kept)  # stamps [ns] and angles [rad]
@@ -52,11 +52,6 @@ class SteeringJudge(Judge):
     def forget(self, stamp: int) -> None:
         self._witnesses.forget()
         self._widened = self._started = stamp
-
-    @property
-    def place(self) -> int:
-        """The place of the sensor among all."""
-        return self._witnesses.steering
 
     @property
     def suspect(self) -> bool:  # type: ignore[override]

@@ -168,7 +168,12 @@ def slopes(axle: Axle, load: float) -> tuple[float, float]:
         for slip in (HANDLING.slope_slip, -HANDLING.slope_slip)
     )
     along = (float(driven) - float(braked)) / (2 * HANDLING.slope_slip) * axle.longitudinal_scale
-    return along, float(axle.tyre.cornering_stiffness_at(load)) * axle.cornering_scale
+    return along, cornering_stiffness(axle, load)
+
+
+def cornering_stiffness(axle: Axle, load: float) -> float:
+    """Slope of the lateral force of one tyre at small slip angles [N/rad]."""
+    return float(axle.tyre.cornering_stiffness_at(load)) * axle.cornering_scale
 
 
 def linear_tyre(axle: Axle, load: float) -> Linear:
@@ -194,7 +199,7 @@ def car_numbers(vehicle: Vehicle) -> dict[str, float]:
         "drag_area": physics.aerodynamics.drag_area,
     }
     for i, (name, axle) in enumerate(zip(AXLES, (physics.front, physics.rear), strict=True)):
-        values[f"{name}_stiffness"] = 2 * slopes(axle, loads[i])[1]
+        values[f"{name}_stiffness"] = 2 * cornering_stiffness(axle, loads[i])
         values[f"{name}_half_track"] = axle.track / 2
         values[f"{name}_radius"] = float(radii[2 * i])
         values[f"{name}_spin_inertia"] = 2 * axle.wheel_spin_inertia

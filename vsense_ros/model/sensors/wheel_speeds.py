@@ -123,7 +123,8 @@ class WheelSpeeds(JointSensor):
         return joint_state(self.field, drive.digitized(measured), self.joints)
 
     def first_speed(self, value: Vector, physics: NominalPhysics) -> float | None:
-        return float(np.nanmean(value) * physics.rear.unloaded_radius * LOADED)
+        present = [spin for spin in value.tolist() if spin == spin]
+        return sum(present) / len(present) * physics.rear.unloaded_radius * LOADED if present else np.nan
 
     def first_velocities(self, value: Vector) -> dict[int, float]:
         return {SPIN.start + i: spin for i, spin in enumerate(value.tolist()) if np.isfinite(spin)}
