@@ -18,6 +18,7 @@ from vsense_ros.messages.recording import Sample
 
 DAY = 86400 * NANO
 _EPOCH = datetime.date(1970, 1, 1).toordinal()
+_FIX_FIELDS = ("status", "service", "latitude", "longitude", "altitude", "position_covariance_type")
 _MOST_KINDS = 64  # of frames that are counted by name
 
 # sensor_msgs/NavSatStatus and NavSatFix
@@ -132,15 +133,8 @@ class GnssChannels:
         if not self._accept(self.fix_monitor, stamp, received):
             return []
         self._look_for_a_jump(stamp, received, latitude, longitude)
-        fields = {
-            "status": status,
-            "service": service,
-            "latitude": latitude,
-            "longitude": longitude,
-            "altitude": altitude,
-            "position_covariance_type": covariance_type,
-        }
-        values = {name: np.array([value], float) for name, value in fields.items()}
+        numbers = np.array([[status], [service], [latitude], [longitude], [altitude], [covariance_type]], float)
+        values = dict(zip(_FIX_FIELDS, numbers, strict=True))
         values["position_covariance"] = samples.diagonal(variances)
         settings = self.settings
         kind = "sensor_msgs/msg/NavSatFix"

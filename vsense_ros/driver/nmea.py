@@ -6,13 +6,13 @@ import datetime
 import math
 import re
 from functools import reduce
+from operator import xor
 from typing import Any
-
-from pynmeagps import NMEAReader
 
 from vsense_ros.driver import gnss
 from vsense_ros.driver.gnss import GnssChannels, GnssSettings, LinkStatistics
 from vsense_ros.driver.monitor import NANO
+from vsense_ros.driver.nmea_fields import SENTENCES, fields_of
 from vsense_ros.driver.samples import UNMEASURED_VARIANCE
 from vsense_ros.messages.diagnostic import Diagnostic
 from vsense_ros.messages.recording import Sample
@@ -42,32 +42,8 @@ _SERVICES = {
     "BD": gnss.SERVICE_COMPASS,
     "GA": gnss.SERVICE_GALILEO,
 }
-# The sentences that are decoded, and the fields that each must have, be they empty: pynmeagps leaves those away that a
-# short sentence lacks.
-_FIELDS = {
-    "GGA": ("time", "lat", "lon", "quality", "HDOP", "alt", "sep"),
-    "GNS": ("time", "lat", "lon", "posMode", "HDOP", "alt", "sep"),
-    "RMC": ("time", "status", "spd", "cog", "date"),
-    "VTG": ("cogt", "sogn"),
-    "ZDA": ("time", "day", "month", "year"),
-    "GST": ("time", "stdLat", "stdLong", "stdAlt"),
-    "HDT": ("headingT",),
-    "THS": ("headt", "mi"),
-}
 _MOST_WAITING = 1000  # sentences that are kept until the date is known
 VERTICAL_FACTOR = 1.5  # vertical over horizontal standard deviation, where the receiver does not state it
-
-
-def _number(value: Any) -> float | None:
-    """A field of a sentence; None if it is empty or beyond what any receiver states."""
-    return float(value) if isinstance(value, int | float) and abs(value) < 1e9 else None
-
-
-def _time_of_day(value: Any) -> int | None:
-    """UTC time of day [ns]; None if the field is empty."""
-    if not isinstance(value, datetime.time):
-        return None
-    return ((value.hour * 60 + value.minute) * 60 + value.second) * NANO + value.microsecond * 1000
 
 
 class NmeaDecoder:
@@ -91,7 +67,7 @@ class NmeaDecoder:
         self.link = LinkStatistics("gnss: NMEA link", self.settings.timeout)
         self._buffer = b""
         self._reference: int | None = None  # a recent UTC time whose date is known [ns]
-        self._waiting: list[tuple[str, str, Any, int]] = []
+        self._waiting: list[tuple[str, str, dict[str, Any], int]] = []
         self._heard = self._burst = 0  # arrival of the latest bytes, and of the first ones of their burst [ns]
         self._epoch: tuple[int, int] | None = None  # stamp of the latest sentence with a time, its burst [ns]
         self._fix_sentence: str | None = None
@@ -115,7 +91,7 @@ class NmeaDecoder:
             if start < 0:
                 break
             if match := _SENTENCE.match(self._buffer, start):
-                made += self._sentence(match[0], match[1], int(match[2], 16), received)
+                made += self._sentence(match[1], int(match[2], 16), received)
                 position = match.end()
             elif _BEGINNING.fullmatch(self._buffer, start):
                 break
@@ -140,31 +116,28 @@ class NmeaDecoder:
         self.channels.velocity_monitor.absence = f"{wanted}RMC or VTG" if wanted else ""
         return [self.link.diagnostic(now), *self.channels.diagnostics(now)]
 
-    def _sentence(self, sentence: bytes, content: bytes, checksum: int, received: int) -> list[Sample]:
-        if reduce(lambda a, b: a ^ b, content) != checksum:
+    def _sentence(self, content: bytes, checksum: int, received: int) -> list[Sample]:
+        if reduce(xor, content) != checksum:
             self.link.broken(received)
             return []
         self.link.frame(received)
-        address = content.split(b",", 1)[0].decode("ascii")
+        address, *fields = content.decode("ascii").split(",")
         talker, kind = address[:-3], address[-3:]
-        if kind not in _FIELDS or len(talker) != 2:
+        if kind not in SENTENCES or len(talker) != 2:
             self.link.passed(address[:8])
             return []
-        try:
-            message = NMEAReader.parse(sentence + b"\r\n", validate=0)
-        except Exception:  # pynmeagps raises whatever its conversions of the fields do
-            message = None
-        if not all(hasattr(message, field) for field in _FIELDS[kind]):
+        message = fields_of(kind, fields)
+        if message is None:
             self.link.broken(received)
             return []
         return self._dated(talker, kind, message, received)
 
-    def _dated(self, talker: str, kind: str, message: Any, received: int) -> list[Sample]:
+    def _dated(self, talker: str, kind: str, message: dict[str, Any], received: int) -> list[Sample]:
         if not self._learn_date(kind, message) and self._reference is None:
             self._waiting.append((talker, kind, message, received))
             if abs(received - self._waiting[0][3]) < self.DATE_PATIENCE and len(self._waiting) < _MOST_WAITING:
                 return []
-            time_of_day = next((t for m in self._waiting if (t := _time_of_day(getattr(m[2], "time", None)))), None)
+            time_of_day = next((t for m in self._waiting if (t := m[2].get("time"))), None)
             if time_of_day is None:
                 self._waiting.clear()
                 return []
@@ -174,14 +147,13 @@ class NmeaDecoder:
             ready, self._waiting = [*self._waiting, (talker, kind, message, received)], []
         return [sample for entry in ready for sample in self._decode(*entry)]
 
-    def _learn_date(self, kind: str, message: Any) -> bool:
-        time_of_day = _time_of_day(getattr(message, "time", None))
-        date = None
-        if kind == "RMC" and message.status == "A" and isinstance(message.date, datetime.date):
-            date = message.date
-        elif kind == "ZDA" and all(isinstance(v, int) for v in (message.year, message.month, message.day)):
+    def _learn_date(self, kind: str, message: dict[str, Any]) -> bool:
+        time_of_day, date = message.get("time"), None
+        if kind == "RMC" and message["status"] == "A":
+            date = message["date"]
+        elif kind == "ZDA" and None not in (message["year"], message["month"], message["day"]):
             try:
-                date = datetime.date(message.year, message.month, message.day)
+                date = datetime.date(message["year"], message["month"], message["day"])
             except (ValueError, OverflowError):
                 return False
         if date is None or time_of_day is None:
@@ -189,19 +161,19 @@ class NmeaDecoder:
         self._reference = gnss.utc_stamp(datetime.datetime.combine(date, datetime.time())) + time_of_day
         return True
 
-    def _decode(self, talker: str, kind: str, message: Any, received: int) -> list[Sample]:
+    def _decode(self, talker: str, kind: str, message: dict[str, Any], received: int) -> list[Sample]:
         if kind in ("HDT", "THS"):
             return self._heading(kind, message, received)
         if kind == "VTG":
             return self._course(message, received)
-        time_of_day = _time_of_day(message.time)
+        time_of_day = message["time"]
         if time_of_day is None or self._reference is None:
             monitor = self.channels.velocity_monitor if kind == "RMC" else self.channels.fix_monitor
             monitor.fault("no time of measurement", received)
             return []
         stamp = gnss.stamp_of_day(time_of_day, self._reference)
         if kind == "GST":
-            east, north, up = (_number(v) for v in (message.stdLong, message.stdLat, message.stdAlt))
+            east, north, up = message["east"], message["north"], message["up"]
             if east and north and up:
                 self._deviations = (time_of_day, (east, north, up))
             return []
@@ -212,17 +184,17 @@ class NmeaDecoder:
         return []
 
     def _position(
-        self, talker: str, kind: str, message: Any, stamp: int, time_of_day: int, received: int
+        self, talker: str, kind: str, message: dict[str, Any], stamp: int, time_of_day: int, received: int
     ) -> list[Sample]:
         if self._fix_sentence is None:
             self._fix_sentence = kind
         if kind != self._fix_sentence:  # the same position in other words
             return []
         if kind == "GGA":
-            quality = message.quality if isinstance(message.quality, int) else 0
+            quality = message["quality"] or 0
         else:
-            quality = max((_MODES.get(mode, 0) for mode in str(message.posMode)), default=0)
-        latitude, longitude, height = _number(message.lat), _number(message.lon), _number(message.alt)
+            quality = max((_MODES.get(mode, 0) for mode in message["mode"]), default=0)
+        latitude, longitude, height = message["latitude"], message["longitude"], message["altitude"]
         if quality not in _QUALITY or latitude is None or longitude is None or height is None:
             self.channels.fix_monitor.fault("no fix", received)
             return []
@@ -233,11 +205,11 @@ class NmeaDecoder:
         if stated is not None and abs(stated[0] - time_of_day) <= self.GST_AGE:
             deviations, covariance_type = stated[1], gnss.COVARIANCE_DIAGONAL_KNOWN
         else:
-            horizontal = self.settings.range_error * factor * (_number(message.HDOP) or 1.0)
+            horizontal = self.settings.range_error * factor * (message["hdop"] or 1.0)
             deviations = (horizontal, horizontal, VERTICAL_FACTOR * horizontal)
             covariance_type = gnss.COVARIANCE_APPROXIMATED
         east, north, up = (deviation**2 for deviation in deviations)
-        altitude = height + (_number(message.sep) or 0.0)
+        altitude = height + (message["separation"] or 0.0)
         service = _SERVICES.get(talker, gnss.SERVICE_ALL)
         return self.channels.fix(
             stamp, received, latitude, longitude, altitude, (east, north, up), status, service, covariance_type
@@ -255,27 +227,27 @@ class NmeaDecoder:
         if self._reference is not None and 0 < stamp - self._reference < gnss.DAY // 2:
             self._reference = stamp
 
-    def _recommended_minimum(self, message: Any, stamp: int, received: int) -> list[Sample]:
-        if message.status != "A" or self._is_no_fix(message):
+    def _recommended_minimum(self, message: dict[str, Any], stamp: int, received: int) -> list[Sample]:
+        if message["status"] != "A" or self._is_no_fix(message):
             self.channels.velocity_monitor.fault("no fix", received)
             return []
         self._epoch = stamp, self._burst
         self._velocity_from_rmc = True
-        return self._horizontal_velocity(_number(message.spd), _number(message.cog), stamp, received)
+        return self._horizontal_velocity(message["knots"], message["course"], stamp, received)
 
-    def _course(self, message: Any, received: int) -> list[Sample]:
+    def _course(self, message: dict[str, Any], received: int) -> list[Sample]:
         stamp = self._stamp_by_arrival()
         if self._velocity_from_rmc or stamp is None:
             return []
         if self._is_no_fix(message):
             self.channels.velocity_monitor.fault("no fix", received)
             return []
-        return self._horizontal_velocity(_number(message.sogn), _number(message.cogt), stamp, received)
+        return self._horizontal_velocity(message["knots"], message["course"], stamp, received)
 
     @staticmethod
-    def _is_no_fix(message: Any) -> bool:
+    def _is_no_fix(message: dict[str, Any]) -> bool:
         """True if the mode indicator, which sentences have since NMEA 2.3, says that nothing was measured."""
-        return str(getattr(message, "posMode", "")) in _NOT_MEASURED
+        return message["mode"] in _NOT_MEASURED
 
     def _horizontal_velocity(
         self, knots: float | None, course: float | None, stamp: int, received: int
@@ -290,11 +262,11 @@ class NmeaDecoder:
         east, north = speed * math.sin(direction), speed * math.cos(direction)
         return self.channels.velocity(stamp, received, east, north, None, variances)
 
-    def _heading(self, kind: str, message: Any, received: int) -> list[Sample]:
-        if kind == "THS" and message.mi not in ("A", "E"):
+    def _heading(self, kind: str, message: dict[str, Any], received: int) -> list[Sample]:
+        if kind == "THS" and message["mode"] not in ("A", "E"):
             self.channels.attitude_monitor.fault("heading not valid", received)
             return []
-        heading = _number(message.headingT if kind == "HDT" else message.headt)
+        heading = message["heading"]
         if heading is None:
             self.channels.attitude_monitor.fault("no heading", received)
             return []

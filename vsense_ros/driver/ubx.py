@@ -5,9 +5,11 @@ from __future__ import annotations
 import datetime
 import math
 import struct
-from itertools import accumulate
+from functools import lru_cache
 from typing import NamedTuple
 
+import numpy as np
+from numpy.typing import NDArray
 from pyubx2 import UBX_MSGIDS
 
 from vsense_ros.driver import gnss
@@ -32,14 +34,19 @@ _SYNC = b"\xb5\x62"
 _TIME_VALID, _TIME_RESOLVED = 0b011, 0b100
 _FIX_OK, _DIFFERENTIAL, _CARRIER, _HEADING_VALID = 0b1, 0b10, 0b1100_0000, 0b1_0000_0000
 _NO_POSITION = 0b1
-_DIGITS = 12  # to which an angle [deg] is rounded: its step is no sum of powers of two
 _LONGEST = 1024  # [byte] of a frame whose name is looked for
 _NAMES = {identifier: name for identifier, name in UBX_MSGIDS.items() if len(identifier) == 2}
 
 
 def fletcher(data: bytes) -> bytes:
     """The 8-bit Fletcher checksum of UBX, of class to payload: the sum of its bytes, and of all sums up to each."""
-    return bytes((sum(data) & 0xFF, sum(accumulate(data)) & 0xFF))
+    return bytes((np.frombuffer(data, np.uint8) @ _weights(len(data))).data)
+
+
+@lru_cache(maxsize=256)
+def _weights(count: int) -> NDArray[np.uint8]:
+    """How often each of so many bytes is in the sum, and in the sum of all sums, modulo 256 (count, 2)."""
+    return np.column_stack([np.ones(count, int), np.arange(count, 0, -1)]).astype(np.uint8)
 
 
 class PositionVelocityTime(NamedTuple):
@@ -203,8 +210,8 @@ class UbxDecoder:
             made += channels.fix(
                 stamp,
                 received,
-                round(message.lat * 1e-7, _DIGITS),
-                round(message.lon * 1e-7, _DIGITS),
+                message.lat / 10_000_000,
+                message.lon / 10_000_000,
                 message.height * 1e-3,
                 (horizontal, horizontal, vertical),
                 status,
@@ -223,7 +230,7 @@ class UbxDecoder:
             return []
         reference, stamp = self._week
         milliseconds = (message.iTOW - reference + WEEK // 2) % WEEK - WEEK // 2
-        heading_variance = math.radians(max(round(message.accHeading * 1e-5, _DIGITS), 1e-3)) ** 2
+        heading_variance = math.radians(max(message.accHeading / 100_000, 1e-3)) ** 2
         elevation = None
         elevation_variance = 0.0
         length = (message.relPosLength + message.relPosHPLength * 1e-2) * 1e-2
@@ -234,7 +241,7 @@ class UbxDecoder:
         return self.channels.attitude(
             stamp + milliseconds * MILLISECOND,
             received,
-            math.radians(round(message.relPosHeading * 1e-5, _DIGITS)),
+            math.radians(message.relPosHeading / 100_000),
             heading_variance,
             elevation,
             elevation_variance,
