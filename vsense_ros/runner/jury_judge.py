@@ -53,12 +53,20 @@ class JuryJudge(Judge):
         return recent and 0 <= now - vote.begun < VOTE.settled + VOTE.first_pause
 
     @property
+    def _undecided(self) -> bool:
+        """True while it is too early for a vote about an alarm, or one has found somebody suspect and not decided."""
+        vote = self._vote
+        return self._waits or (vote.undecided and 0 <= self._intake.newest_arrival - vote.heard < VOTE.last_pause)
+
+    @property
     def apart(self) -> Apart | None:
-        return Apart(across=VOTE.unsettled) if self._waits else None
+        # If an inertial axis is what is wrong, all of the lateral velocity may be its integral.
+        sideways = max(VOTE.unsettled, abs(self._adapter.lateral_speed))
+        return Apart(across=sideways) if self._undecided else None
 
     @property
     def doubts(self) -> list[str]:
-        return ["sensors contradict each other"] if self._waits else []
+        return ["sensors contradict each other"] if self._undecided else []
 
     def _accusable(self) -> list[int]:
         """Places of sensors that may be found to be wrong: two others that measure the motion are there then."""

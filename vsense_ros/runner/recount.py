@@ -40,11 +40,13 @@ class Ballot(NamedTuple):
 
     def is_split(self, spared: Collection[tuple[int, int]]) -> bool:
         """True if the others do not agree that the axes are wrong: some are predicted much worse without them, or only
-        the model says so, which is known to be wrong where axes are `spared`. Nor do they where nearly all of the gain
-        is of one component: of two that contradict each other either may be wrong, or the model between them."""
-        if len(self.left) == 1 and self.gain - self.largest < VOTE.second * self.gain:
+        the model says so, which is known to be wrong where axes are `spared`, and GNSS does not. Nor do they where
+        nearly all of the gain is of one component: of two that contradict each other either may be wrong, or the model
+        between them."""
+        if self.gain - self.largest < min(VOTE.second * self.gain, VOTE.gain):
             return True
-        only_model = any((self.axes.index, axis) in spared for axis in self.left) and self.by_place < VOTE.gain
+        enough = min(VOTE.gain, max(VOTE.suspect, VOTE.second * self.gain))
+        only_model = any((self.axes.index, axis) in spared for axis in self.left) and self.by_place < enough
         return self.against > VOTE.suspect or only_model
 
 
@@ -152,11 +154,12 @@ class Recount:
 
     def wrong_sensor(self, best: Ballot, candidates: Collection[int]) -> int | None:
         """The one of some whole sensors without which all others agree, the axis that seems wrong among them, and are
-        predicted better than without that axis; None if there is none."""
+        predicted better than without that axis; None if there is none. Where all axes of a sensor seem wrong, it is the
+        sensor without which the others gain more."""
         everybody, alone = self.everybody, self._scores((best.axes.index, best.left))
         if everybody is None or alone is None:
             return None
-        found, most = None, VOTE.gain_with_own
+        found, most = None, max(VOTE.gain_with_own, best.gain if len(best.left) > 1 else 0.0)
         for index in candidates:
             without = self._scores((index, list(range(everybody[index].shape[1])))) if index in everybody else None
             if without is None:

@@ -23,11 +23,14 @@ of the car. An axis of an inertial sensor, a gyro or an accelerometer, is judged
 
 Deviations are those that innovations usually have (`sums`): no filter of a real car is as good as it states.
 
-The others must agree. Where nearly all of the gain is of a single component, two contradict each other, or the model
-between them is wrong. If the readings that are predicted worse without the axis lose more than `suspect`, the model is
-wrong and not the axis: a gyro that is wrong is contradicted by all wheels, not by those of one axle. And while the
-lateral forces are known not to be those of the vehicle file (`force_judge`), the yaw rate is out only if GNSS alone
-says so by `gain`: all other sensors contradict it through that model.
+The others must agree. Where nearly all of the gain is of a single component, and the rest is no evidence by itself, two
+contradict each other, or the model between them is wrong. If the readings that are predicted worse without the axis
+lose more than `suspect`, the model is wrong and not the axis: a gyro that is wrong is contradicted by all wheels, not
+by those of one axle. And while the lateral forces are known not to be those of the vehicle file (`force_judge`), the
+yaw rate is out only if GNSS alone says so, by `gain`, or by `suspect` and a quarter of the whole gain: all other
+sensors contradict it through that model. All of a sensor is out where the others do not agree about a single axis, and
+gain more, by `suspect`, without all of them. Until it is decided who is wrong, the lateral velocity that is published
+is as uncertain as it is large: a wrong gyro integrates to it (`jury_judge`).
 
 A vote needs somebody to agree with: where nothing but inertial sensors is there, nobody is taken out. One who is out
 may be right, and the filter wrong: it appeals (`appeal`). It is asked on, too: once its innovations are as they should
@@ -98,12 +101,14 @@ class Vote:
         self.wait = False  # True while something else may be wrong, and no axis is left out
         self.jury: Callable[[], list[int]] = list  # places of whole sensors that may be what is wrong
         self.accused: int | None = None  # the one of them that a vote has found to be
+        self.undecided = False  # True while an axis is suspect, and the others do not agree that it is wrong
         self.doubted = False  # True once several axes were wrong at once, which has drawn the filter anywhere
 
     def forget(self, stamp: int) -> None:
         """The filter begins anew, at a time [ns]; what is out stays out."""
         self.begun = stamp
         self.alarm, self._voted, self._pause = None, 0, VOTE.first_pause
+        self.undecided = False
         self._loud.clear()
         self._no_vote.clear()
         self._frozen.clear()
@@ -351,7 +356,7 @@ class Vote:
         since = max(self.alarm or 0, now - VOTE.look_back)
         if now - since > VOTE.urgent:
             self._pause = min(2 * self._pause, VOTE.last_pause)
-        self._voted = now
+        self._voted, self.undecided = now, False
         recount = self._recount(timeline, since)
         if recount.everybody is None:
             return
@@ -360,12 +365,13 @@ class Vote:
             return
         ballots, best, far = self._likeliest(ballots)
         enough, suspect = (VOTE.gain_with_own,) * 2 if far else (VOTE.gain, VOTE.suspect)
-        if best.gain < suspect or best.disagreement > VOTE.disagree:
+        self.undecided = best.gain >= suspect
+        if not self.undecided or best.disagreement > VOTE.disagree:
             return
         self._pause = VOTE.first_pause
         if best.gain < enough or best.is_split(self.spared) or self._is_another(recount, best):
             return
-        self.alarm = None
+        self.alarm, self.undecided = None, False
         # Who is nearly as suspect as the worst may be the one: to do without both costs little, to believe one much.
         for one in ballots:
             near = one.gain > max(suspect, VOTE.nearly * best.gain) and one.disagreement <= VOTE.disagree
@@ -378,14 +384,16 @@ class Vote:
         for others in self.axes.values():
             others.sums.clear()
 
-    @staticmethod
-    def _likeliest(ballots: list[Ballot]) -> tuple[list[Ballot], Ballot, bool]:
+    def _likeliest(self, ballots: list[Ballot]) -> tuple[list[Ballot], Ballot, bool]:
         """Those that come into question, and the best of them: without a single axis, or without several at once where
-        no single one is what is wrong. The third is true if that axis is far from what is expected by itself."""
+        the others do not agree that a single one is wrong. The third is true if that axis is far from what is expected
+        by itself."""
         best = max((one for one in ballots if len(one.left) == 1), key=lambda one: one.gain)
-        if best.disagreement <= VOTE.disagree:
+        agreed = best.disagreement <= VOTE.disagree
+        if agreed and not best.is_split(self.spared):
             return ballots, best, bool(best.axes.sums.far()[SHORT, best.left[0]] > VOTE.own)
-        together = [one for one in ballots if one.gain > VOTE.gain and one.disagreement <= VOTE.disagree]
+        least = max(VOTE.gain, best.gain + VOTE.suspect) if agreed else VOTE.gain
+        together = [one for one in ballots if one.gain > least and one.disagreement <= VOTE.disagree]
         return together or ballots, max(together, key=lambda one: one.gain, default=best), False
 
     def _undo(self, timeline: Timeline, since: int, axes: Axes, axis: int, value: float | None = None) -> None:
