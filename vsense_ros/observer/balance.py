@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from math import exp, isfinite, pi
 
 import numpy as np
@@ -115,44 +114,60 @@ class Balance:
         if not self._waiting:
             return
         estimates = [estimate for estimate, _ in self._waiting]
-        together = stacked(estimates)
-        signals = self._signals(together, np.array([reading for _, reading in self._waiting]))
+        readings = np.array([reading for _, reading in self._waiting])
         self._waiting.clear()
         self._newest = estimates[-1]
-        passed = np.diff([self._stamp, *(e.stamp for e in estimates)]) * 1e-9
-        self._stamp = estimates[-1].stamp
-        anew = ~((passed >= 0) & (passed < LONGEST_GAP))
-        passed[anew] = 0.0
-        once, low = self._low_passed(signals, passed, anew)
+        # What a single one has computed need not be computed anew when it is published.
+        together = stacked(estimates) if len(estimates) > 1 else estimates[0]
+        state = together.state.reshape(len(estimates), -1)
+        signals = self._signals(together, state, readings)
+        passed, parts = self._stretches([e.stamp for e in estimates])
+        once, low = self._low_passed(signals, passed, parts)
         rates, turning = low[:, :3], (once[:, :3] - low[:, :3]) / _TIME_CONSTANT
         # The lever arm's tangential and centripetal parts, ω × (ω × r) = ω (ω · r) - r ω².
         force = low[:, 3:6] + turning @ self._by_turning.T - rates * (rates @ self._arm)[:, None]
         force += self._arm * np.sum(rates**2, axis=1)[:, None]
-        motion = self._car.of_motion(force, turning, low[:, 12], low[:, 13], together.state[:, FORWARD])
+        motion = self._car.of_motion(force, turning, low[:, 12], low[:, 13], state[:, FORWARD])
         residual = low[:, 6:12] - motion
         # Of white noise one filter leaves time / 2 τ of the variance, and two of them half of that.
         noise = (signals[:, 3:6] - low[:, 3:6]) ** 2 * np.minimum(passed / _TIME_CONSTANT, 1.0)[:, None] / 4
-        self._average(np.hstack([self._car.shares(residual) ** 2, noise]), passed, anew)
+        self._average(np.concatenate([self._car.shares(residual) ** 2, noise], axis=1), passed, parts)
         residual[:, ~self._measured] = np.nan
         for estimate, row in zip(estimates, residual, strict=True):
             estimate.unbalanced[:] = row
 
-    def _signals(self, estimates: Estimate, readings: Array) -> Array:
-        """What is low-passed of n estimates and the readings beside them (n, 6): rates and specific force in the axes
-        of the car, force and moment of the tyres, roll and pitch, (n, 14)."""
-        state, steering = estimates.state, estimates.steering
+    def _signals(self, estimates: Estimate, state: Array, readings: Array) -> Array:
+        """What is low-passed of n estimates, their states and the readings beside them (n, 6): rates and specific force
+        in the axes of the car, force and moment of the tyres, roll and pitch, (n, 14)."""
+        wheels, steering = estimates.wheels.reshape(-1, 7, 4), estimates.steering.reshape(-1)
         signals = np.empty((len(readings), 14))
         signals[:, :3], signals[:, 3:6] = readings[:, :3] @ self._to_car.T, readings[:, 3:] @ self._to_car.T
-        signals[:, 6:12] = self._car.of_tyres(estimates.wheels, steering)
+        signals[:, 6:12] = self._car.of_tyres(wheels, steering)
         signals[:, 12], signals[:, 13] = state[:, ROLL], state[:, PITCH]
         return signals
 
-    def _low_passed(self, signals: Array, passed: Array, anew: NDArray[np.bool_]) -> tuple[Array, Array]:
-        """Signals (n, 14) after one and after both low-pass filters; `passed` (n,) is the time since the one before
-        [s], and where `anew` (n,) is true the filters begin."""
+    def _stretches(self, stamps: list[int], most: int = 64) -> tuple[Array, list[tuple[slice, bool]]]:
+        """Times [s] between estimates with these stamps [ns], and the stretches of them that are low-passed together:
+        each with whether the filters begin anew, and of so many at `most`, as the work of `_response` grows with their
+        square."""
+        times: list[float] = []
+        begins: dict[int, bool] = {}
+        for row, stamp in enumerate(stamps):
+            passed = (stamp - self._stamp) * 1e-9
+            self._stamp = stamp
+            goes_on = 0 <= passed < LONGEST_GAP
+            times.append(passed if goes_on else 0.0)
+            if not goes_on or row % most == 0:
+                begins[row] = not goes_on
+        ends = [*list(begins)[1:], len(stamps)]
+        parts = [(slice(row, end), anew) for (row, anew), end in zip(begins.items(), ends, strict=True)]
+        return np.array(times), parts
+
+    def _low_passed(self, signals: Array, passed: Array, parts: list[tuple[slice, bool]]) -> tuple[Array, Array]:
+        """Signals (n, 14) after one and after both low-pass filters, at times (n,) after each other [s]."""
         once, twice = np.empty_like(signals), np.empty_like(signals)
-        for part in _stretches(anew):
-            if anew[part.start]:
+        for part, anew in parts:
+            if anew:
                 self._once[:] = self._twice[:] = signals[part.start]
             decay, weights = _response(passed[part] / _TIME_CONSTANT)
             once[part] = weights @ signals[part] + decay * self._once
@@ -160,11 +175,11 @@ class Balance:
             self._once[:], self._twice[:] = once[part.stop - 1], twice[part.stop - 1]
         return once, twice
 
-    def _average(self, squares: Array, passed: Array, anew: NDArray[np.bool_]) -> None:
+    def _average(self, squares: Array, passed: Array, parts: list[tuple[slice, bool]]) -> None:
         """Let squares of what is over (n, 6), and beside them of what noise leaves of it (n, 3), count in their
         means."""
-        for part in _stretches(anew):
-            if anew[part.start]:
+        for part, anew in parts:
+            if anew:
                 self._square[:], self._noise[:], self._since = 0.0, 0.0, 0.0
             self._since += float(passed[part].sum())
             decay, weights = _response(passed[part] / MEMORY)
@@ -208,16 +223,12 @@ class Balance:
         return Diagnostic("balance of forces", Level.OK, text, values)
 
 
-def _stretches(anew: NDArray[np.bool_], most: int = 64) -> Iterator[slice]:
-    """Stretches of n numbers, of which a new one begins where `anew` (n,) is true. Each is of so many at `most`, as the
-    work of `_response` grows with their square."""
-    begins = sorted({*range(0, len(anew), most), *np.flatnonzero(anew).tolist()})
-    return (slice(first, end) for first, end in zip(begins, [*begins[1:], len(anew)], strict=True))
-
-
 def _response(steps: Array) -> tuple[Array, Array]:
     """How a low-pass filter answers at each of n steps, whose lengths (n,) are in time constants: how much is left of
     its value before them (n, 1), and how much of each input (n,) is in it (n, n)."""
+    shares = -np.expm1(-steps)
+    if len(steps) == 1:
+        return 1.0 - shares[:, None], shares[:, None]
     ages = np.cumsum(steps)
     since = np.minimum(ages - ages[:, None], 0.0)
-    return np.exp(-ages)[:, None], np.tril(np.exp(since)) * -np.expm1(-steps)
+    return np.exp(-ages)[:, None], np.tril(np.exp(since)) * shares

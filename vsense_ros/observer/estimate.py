@@ -3,9 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cached_property
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -49,8 +48,7 @@ _NEXT, _AFTER_NEXT = [1, 2, 0], [2, 0, 1]  # of three axes
 _POSE_AND_ROAD = np.ix_(*[[*range(6), *(DISTURB.start + i for i in (ROAD_HEIGHT, BANK, GRADE))]] * 2)
 _OVER_AND_OF_ROAD = np.column_stack([np.eye(6), [0, 0, 1, 0, 0, 0], [0, 0, 0, 1, 0, 0], [0, 0, 0, 0, -1, 0]])
 _VELOCITY, _RATES = (slice(TWIST.start + part.start, TWIST.start + part.stop) for part in (slice(0, 3), slice(3, 6)))
-_LONGITUDINAL_FORCES = slice(0, None, 4)
-_LATERAL_FORCES = slice(1, None, 4)  # of force x, y, z and moment of each wheel
+_LONGITUDINAL_FORCES, _LATERAL_FORCES = (slice(i, None, 4) for i in (0, 1))  # of force x, y, z, moment of each wheel
 _WHEELS_SHOWN = slice(COORDINATES, COORDINATES + 7 * len(WHEELS))  # of `CarBlocks.show`
 _PLACE, _YAW_OF_POSE = [0, 1], 5  # of position and attitude
 _SLOW = 4.0  # [m/s] below it a course says little of the heading
@@ -383,14 +381,17 @@ def stacked(estimates: Sequence[Estimate]) -> Estimate:
     first = estimates[0]
     block, rows = first.block, slice(first.row, first.row + len(estimates))
     neighbours = all(e.block is block and e.row == row for row, e in enumerate(estimates, first.row))
-    arrays: dict[str, Any] = {}
+    arrays: dict[str, Array] = {}
     for name in _ARRAYS:
         parts, of_all = [getattr(e, name) for e in estimates], getattr(block, name)
         in_block = neighbours and all(part.base is of_all for part in parts)
         arrays[name] = of_all[rows] if in_block else np.array(parts)
     beliefs = [e.belief for e in estimates if e.belief is not None]
     belief = Gaussian(*map(np.array, zip(*beliefs, strict=True))) if beliefs else None
-    return replace(first, belief=belief, **arrays)
+    names, car, row = first.names, first.car, first.row
+    return Estimate(
+        first.stamp, **arrays, belief=belief, names=names, car=car, vehicle=car.vehicle, block=block, row=row
+    )
 
 
 def with_missing_forces(
