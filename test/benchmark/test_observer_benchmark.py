@@ -117,7 +117,7 @@ def test_part(benchmark: Any, way: str, part: str, observer: Runner) -> None:
         "linearize": car.linearize,
         "advance": car.advanced.call,
         "predict": lambda: ekf.predict(0.004),  # these two, and what they do to the covariance
-        "estimate": lambda: estimate_samples(observer.snapshot()),
+        "estimate": lambda: list(estimate_samples(observer.snapshot())),
     }
     ekf.predict(0.004)
 

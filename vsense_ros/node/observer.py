@@ -280,17 +280,19 @@ class ObserverNode(SensingNode[_OwnParameters]):
         if observer is None:
             return
         self._next_due = max(self._next_due + self._interval, observer.stamp + self._interval // 2)
-        samples = observer.estimate()
-        for sample in samples:
+        odometry: Sample | None = None
+        for sample in observer.newest():
             one = sample
-            if self._odometry_arm is not None and sample.topic == "vsense/odometry":
-                one = moved(sample, self._odometry_arm, "base_link")
+            if sample.topic == "vsense/odometry":
+                odometry = sample
+                if self._odometry_arm is not None:
+                    one = moved(sample, self._odometry_arm, "base_link")
             self.outputs.publish(self._in_published_frame(one) if self._renamed else one)
-        if samples and self._transforms is not None:
-            moving = self._transforms.moving(samples[0], observer.adapter.steering_angle)
+        if odometry is not None and self._transforms is not None:
+            moving = self._transforms.moving(odometry, observer.adapter.steering_angle)
             self.outputs.publish_bytes("/tf", "tf2_msgs/msg/TFMessage", moving)
-        if samples and self.parameters.autoware:
-            for topic, data in autoware.messages(samples[0], observer, self._frames["base_link"]):
+        if odometry is not None and self.parameters.autoware:
+            for topic, data in autoware.messages(odometry, observer, self._frames["base_link"]):
                 self.outputs.publish_bytes(topic, autoware.TOPICS[topic], data)
         self._keep_origin(observer)
         now = self.time_base.now()

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -446,55 +446,39 @@ def _shares(load: Array) -> Array:
     return np.asarray(load / np.where(total > 0, total, np.inf))
 
 
-def estimate_samples(e: Estimate) -> list[Sample]:
-    """An estimate as the messages of the output topics; of `stacked` ones, fields have one row for each.
+def estimate_samples(e: Estimate) -> Iterator[Sample]:
+    """An estimate as the messages of the output topics, each made when it is asked for, as a controller waits for the
+    odometry alone; of `stacked` ones, fields have one row for each.
 
     What is not determined is NaN, with the variance `UNESTIMATED_VARIANCE` where the message has one.
     """
     rows = e.velocity.shape[:-1]
     absent = np.zeros((*rows, 0))
     forces_absent, height_absent = e.undetermined[..., 0, None], e.undetermined[..., 1]
-    wheels, deviations = e.wheels.copy(), e.wheel_deviations
-    for part in (wheels[..., FORCE_X, :], deviations[..., FORCE_X, :], wheels[..., SLIP, :]):
-        part[:] = np.where(forces_absent, np.nan, part)
     position, pose_covariance = e.position.copy(), e.pose_covariance.copy()
     position[..., 2] = np.where(height_absent, np.nan, position[..., 2])
     pose_covariance[height_absent, 2, :] = pose_covariance[height_absent, :, 2] = 0.0
     pose_covariance[height_absent, 2, 2] = messages.UNESTIMATED_VARIANCE
+    yield messages.odometry(e.stamp, position, e.orientation, pose_covariance, e.velocity, e.rates, e.twist_covariance)
+    covariance = e.acceleration_covariance.reshape(*rows, 36)
+    yield messages.acceleration(e.stamp, e.acceleration, e.angular_acceleration, covariance)
+    yield Sample("vsense/road", "geometry_msgs/msg/Vector3Stamped", e.stamp, {"vector": e.road}, "cog")
     unbalanced = {"force": e.unbalanced[..., :3], "torque": e.unbalanced[..., 3:]}
-    samples = [
-        messages.odometry(
-            e.stamp,
-            position,
-            e.orientation,
-            pose_covariance,
-            e.velocity,
-            e.rates,
-            e.twist_covariance,
-        ),
-        messages.acceleration(
-            e.stamp, e.acceleration, e.angular_acceleration, e.acceleration_covariance.reshape(*rows, 36)
-        ),
-        Sample("vsense/road", "geometry_msgs/msg/Vector3Stamped", e.stamp, {"vector": e.road}, "cog"),
-        Sample(BALANCE, "geometry_msgs/msg/WrenchStamped", e.stamp, unbalanced, "cog"),
-        messages.side_slip(e.stamp, e.side_slip),
-        messages.parameters(e.stamp, e.parameter_names, e.parameters, e.parameter_deviations),
-        Sample(
-            "vsense/wheel_torques",
-            "sensor_msgs/msg/JointState",
-            e.stamp,
-            {"position": absent, "velocity": absent, "effort": np.where(forces_absent, np.nan, e.wheel_torques)},
-            names=WHEEL_NAMES,
-        ),
-    ]
+    yield Sample(BALANCE, "geometry_msgs/msg/WrenchStamped", e.stamp, unbalanced, "cog")
+    yield messages.side_slip(e.stamp, e.side_slip)
+    yield messages.parameters(e.stamp, e.parameter_names, e.parameters, e.parameter_deviations)
+    torques = np.where(forces_absent, np.nan, e.wheel_torques)
+    values = {"position": absent, "velocity": absent, "effort": torques}
+    yield Sample("vsense/wheel_torques", "sensor_msgs/msg/JointState", e.stamp, values, names=WHEEL_NAMES)
+    wheels, deviations = e.wheels.copy(), e.wheel_deviations
+    for part in (wheels[..., FORCE_X, :], deviations[..., FORCE_X, :], wheels[..., SLIP, :]):
+        part[:] = np.where(forces_absent, np.nan, part)
     for i, wheel in enumerate(WHEELS):
         frame = f"contact_{wheel}"
         for topic, wrench in (("wheel_force", wheels), ("wheel_force_deviation", deviations)):
             torque = np.zeros((*rows, 3))
             torque[..., 2] = wrench[..., 3, i]
             values = {"force": wrench[..., :3, i], "torque": torque}
-            kind = "geometry_msgs/msg/WrenchStamped"
-            samples.append(Sample(f"vsense/{topic}/{wheel}", kind, e.stamp, values, frame))
+            yield Sample(f"vsense/{topic}/{wheel}", "geometry_msgs/msg/WrenchStamped", e.stamp, values, frame)
         slips = {"vector": wheels[..., 4:, i]}
-        samples.append(Sample(f"vsense/wheel_slip/{wheel}", "geometry_msgs/msg/Vector3Stamped", e.stamp, slips, frame))
-    return samples
+        yield Sample(f"vsense/wheel_slip/{wheel}", "geometry_msgs/msg/Vector3Stamped", e.stamp, slips, frame)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from functools import singledispatch
 from typing import Any, NamedTuple
 
@@ -281,8 +281,8 @@ class Adapter(ABC):
         """Fill in what states that were looked at still lack, because it is computed for many at once."""
 
     @abstractmethod
-    def messages(self, snapshot: Any) -> list[Sample]:
-        """One state as the messages of the output topics."""
+    def messages(self, snapshot: Any) -> Iterable[Sample]:
+        """One state as the messages of the output topics, the odometry first."""
 
     @abstractmethod
     def columns(self, snapshots: Sequence[Any]) -> list[Sample]:

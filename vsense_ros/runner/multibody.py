@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from math import exp, sqrt
 from typing import Any
@@ -358,13 +358,15 @@ class CarAdapter(Adapter):
     def complete(self) -> None:
         self.balance.settle()
 
-    def messages(self, snapshot: Estimate) -> list[Sample]:
-        self.complete()
-        return estimate_samples(snapshot)
+    def messages(self, snapshot: Estimate) -> Iterator[Sample]:
+        samples = estimate_samples(snapshot)
+        yield next(samples)
+        self.complete()  # which the odometry needs not wait for
+        yield from samples
 
     def columns(self, snapshots: Sequence[Estimate]) -> list[Sample]:
         self.complete()
-        return estimate_samples(stacked(snapshots))
+        return list(estimate_samples(stacked(snapshots)))
 
     def parameters(self, snapshot: Estimate) -> dict[str, tuple[float, float]]:
         values = zip(snapshot.parameters.tolist(), snapshot.parameter_deviations.tolist(), strict=True)

@@ -9,7 +9,7 @@ says (`adapter`).
 from __future__ import annotations
 
 from bisect import insort
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Iterator
 from typing import Any
 
 import numpy as np
@@ -427,15 +427,18 @@ class Runner:
 
     def estimate(self) -> list[Sample]:
         """All output topics at the newest time; empty before the start."""
-        newest = self.output()
-        if not self.started:
-            return []
-        balance = [v for sample in newest if sample.topic == BALANCE for v in sample.values.values()]
-        return [sample for sample in newest if sample.topic != BALANCE or np.isfinite(balance).any()]
+        return list(self.newest())
+
+    def newest(self) -> Iterator[Sample]:
+        """As `estimate`, each message as soon as it is made, the odometry first."""
+        newest = self.incomplete_snapshot()
+        for sample in self.adapter.messages(newest) if self.started else ():
+            if sample.topic != BALANCE or any(np.isfinite(values).any() for values in sample.values.values()):
+                yield sample
 
     def output(self) -> list[Sample]:
         """All output topics, also before the start, when their values mean nothing."""
-        return self.adapter.messages(self.snapshot())
+        return list(self.adapter.messages(self.snapshot()))
 
     def snapshot(self) -> Any:
         """The newest state in terms of the car: an `Estimate`, or a `Snapshot` of a filter of GNSS and inertial
