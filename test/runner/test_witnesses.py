@@ -135,6 +135,50 @@ def test_a_radius_that_is_off_by_a_hundredth_is_no_contradiction(sensor: str) ->
     assert not travelled(sensor, 20.0, 0.15).since
 
 
+def circled(radius: float, speed: float, stamps: float = 0.0) -> VelocityWitnesses:
+    """The witnesses after 8 s in a circle to the left, of which the middle of the rear axle has a radius [m] and a
+    speed [m/s], with an antenna in a corner of the roof; positions have stamps that are late [s]."""
+    vehicle, (ahead, left) = car(), (-0.8, 0.5)
+    sensors = vehicle.sensing()
+    for name in ("velocity", "position"):
+        sensors[name] = sensors[name].model_copy(update={"position": (ahead, left, 1.2)})
+    numbers, names = car_numbers(vehicle), list(sensors)
+    from_axle = np.array([ahead + numbers["to_rear"], left])
+    base, rate = numbers["to_front"] + numbers["to_rear"], speed / radius
+    wheels = [(x, side * numbers[f"{axle}_half_track"]) for axle, x in (("front", base), ("rear", 0.0))
+              for side in (1, -1)]  # fmt: skip
+    spins = [np.hypot(speed - rate * y, rate * x) / numbers["rear_radius"] for x, y in wheels]
+    witnesses = VelocityWitnesses(vehicle.model_copy(update={"sensors": sensors}), sensors)
+    for i in range(400):
+        now = i / 50
+
+        def at(time: float) -> tuple[float, np.ndarray, np.ndarray]:
+            heading = rate * time
+            turn = np.array([[cos(heading), -sin(heading)], [sin(heading), cos(heading)]])
+            axle = radius * np.array([sin(heading), 1 - cos(heading)])
+            velocity = np.array([speed - rate * from_axle[1], rate * from_axle[0]])
+            return heading, axle + turn @ from_axle, turn @ velocity
+
+        heading, _, velocity = at(now)
+        values = {"wheel_speeds": np.array(spins)}
+        if i % 5 == 0:
+            values |= {"velocity": velocity, "position": at(now - stamps)[1]}
+        witnesses.feel(START + i * SECOND // 50, [0.0, 0.0, rate, 0.0, speed * rate, 9.81])
+        for name, value in values.items():
+            event = Event(names.index(name), START + i * SECOND // 50, value, np.full(len(value), 0.01))
+            witnesses.hear(event, lambda heading=heading: heading)  # type: ignore[misc]
+    return witnesses
+
+
+@pytest.mark.parametrize("radius", [5.0, 8.0, 30.0])
+def test_in_a_tight_circle_wheels_and_an_antenna_beside_the_middle_do_not_contradict_each_other(radius: float) -> None:
+    assert not circled(radius, 4.0).since
+
+
+def test_positions_whose_stamps_are_a_little_late_contradict_nobody() -> None:
+    assert not circled(60.0, 22.0, stamps=0.16).since
+
+
 @pytest.mark.parametrize("rate", [10, 500])
 def test_courses_decide_against_a_drifting_steering_angle_at_any_rate(rate: int) -> None:
     """Wheels are silent, and the angle does not jump: the course alone stands beside the gyro and its accelerometer."""

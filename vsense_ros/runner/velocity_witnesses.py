@@ -2,13 +2,19 @@
 
 Each of them gives the displacement of the car within some seconds by an equation of its own:
 
-    wheels     ∫ v (cos ψ, sin ψ) dt    with the median v of the rolling speeds, and the heading ψ of the filter
+    wheels     ∫ v (cos ψ, sin ψ) dt    with the median v of the rolling speeds, as the middle of the rear axle and the
+                                        antenna then have it, and the heading ψ of the filter
     velocity   ∫ (v_east, v_north) dt
     position   p(t) - p(t - T)
 
 Where wheels and velocity contradict each other, the one is wrong that the position contradicts more, by the ratio of
-the likelihoods of both; where they agree, and the position contradicts both, the position is. Wheels know no lateral
-velocity, so that they are compared by the lengths of displacements, and by whether they go the same way.
+the likelihoods of both; where they agree, and the position contradicts both, the position is. Wheels know no side
+slip, so that they are compared by the lengths of displacements, and by whether they go the same way. A position whose
+stamps are late by τ is wrong by τ times what the velocity changes by, which no witness is blamed for.
+
+In a bend at a yaw rate r, where the rear axle does not slip, a wheel at (x, y) from its middle rolls at
+
+    sqrt((v - r y)² + (r x)²)    and an antenna there moves at (v - r y, r x).
 """
 
 from __future__ import annotations
@@ -36,6 +42,9 @@ class VelocityWitnessSettings:
     longest_gap: float = 1.5  # [s] between two messages that are still one way
     share: float = 0.03  # [-] of the way: radius, slip, side slip
     speed: float = 0.3  # [m/s] slip, and stamps that are early or late while the speed changes
+    late: float = 0.15  # [s] by which a position may be later or earlier than the velocities
+    ends: float = 0.2  # [s] at both ends of a window, in which the velocities are averaged that change meanwhile
+    tyres: float = 10.0  # [m/s²] across, beyond which no yaw rate is that of a car
     deviations: float = 3.0  # [-] of the noise of two positions
     averaged: int = 8  # [-] positions
     restart: float = 10.0  # [m] by which a position jumps, or the way of the velocities begins anew
@@ -171,7 +180,11 @@ class VelocityWitnesses:
         self.wheels = place_of(self._sensors, "rolling speed")
         self.velocity = place_of(self._sensors, "course")
         self.position = place_of(self._sensors, "position")
-        self._radius = car_numbers(vehicle)["rear_radius"]
+        car = car_numbers(vehicle)
+        self._radius, self._base = car["rear_radius"], car["to_front"] + car["to_rear"]
+        self._to_left = [side * car[f"{axle}_half_track"] for axle in ("front", "rear") for side in (1, -1)]
+        antenna = (0.0, 0.0, 0.0) if self.velocity < 0 else self._sensors[self.velocity].mounting().tolist()[:3]
+        self._antenna = car["to_rear"] + antenna[0], antenna[1]  # from the middle of the rear axle [m]
         self.forget()
 
     @property
@@ -183,6 +196,7 @@ class VelocityWitnesses:
         """The filter begins anew."""
         self._ways = {i: Way() for i in (self.wheels, self.velocity, self.position)}
         self._variance = 0.0  # of a position, averaged [m²]
+        self._yaw_rate = 0.0  # [rad/s] that the inertial sensor felt last
         compared = self.wheels, self.velocity
         # Of positions from the ways of both: the newest offsets, and how their mean goes on.
         self._offsets = {i: deque[tuple[float, float]](maxlen=SETTINGS.averaged) for i in compared}
@@ -206,8 +220,9 @@ class VelocityWitnesses:
             if event.stamp < self._sliding_until:
                 way.clear()
                 return
-            heading, speed = heading_of(), self._radius * _median(event.value.tolist())
-            way.go(event.stamp, speed * cos(heading), speed * sin(heading))
+            c, s = cos(heading := heading_of()), sin(heading)
+            along, across = self._rolled(event.value.tolist())
+            way.go(event.stamp, along * c - across * s, along * s + across * c)
             return
         east, north = event.value.tolist()[:2]
         if index == self.velocity:
@@ -219,9 +234,21 @@ class VelocityWitnesses:
             self._compared = end
             self._compare(end)
 
+    def _rolled(self, spins: list[float]) -> tuple[float, float]:
+        """Velocity along and across the car at the antenna [m/s], where no axle slips, by spins of the wheels."""
+        speeds = [self._radius * spin for spin in spins]
+        most = SETTINGS.tyres / max(abs(_median(speeds)), 1.0)
+        rate = min(max(self._yaw_rate, -most), most)
+        for i in (0, 1):
+            speeds[i] = copysign(sqrt(max(speeds[i] ** 2 - (rate * self._base) ** 2, 0.0)), speeds[i])
+        forward = _median([speed + rate * left for speed, left in zip(speeds, self._to_left, strict=True)])
+        ahead, left = self._antenna
+        return forward - rate * left, rate * ahead
+
     def feel(self, stamp: int, felt: list[float]) -> None:
         """Take in an inertial reading (6) in the axes of the car: where brakes or engine act strongly, wheels may
         slide, and are not asked."""
+        self._yaw_rate = felt[2] if isfinite(felt[2]) else 0.0
         if abs(felt[3]) > SETTINGS.sliding:
             self._sliding_until = stamp + int(SETTINGS.rolling_again * 1e9)
 
@@ -274,6 +301,7 @@ class VelocityWitnesses:
         begin = end - int(window * 1e9)
         ways = {i: way.between(begin, end) for i, way in self._ways.items()}
         positions = {i: self._position(i, ways[i], begin, end) for i in (wheels, velocity)}
+        change = self._change(begin, end)
         for pair, other in (
             ((wheels, velocity), ways[velocity]),
             ((wheels, position), positions[wheels]),
@@ -282,7 +310,7 @@ class VelocityWitnesses:
             one = ways[pair[0]]
             if one is None or other is None:
                 continue
-            if not self._contradict(pair, one, other, window):
+            if not self._contradict(pair, one, other, window, change):
                 seen.together.add(frozenset(pair))
                 continue
             seen.apart.add(frozenset(pair))
@@ -292,7 +320,7 @@ class VelocityWitnesses:
             if pair == (wheels, velocity):
                 against = self._far(one, positions[wheels]) - self._far(other, positions[velocity])
                 seen.evidence = max(seen.evidence, against, key=abs)
-                seen.opposite = seen.opposite or not self._contradict(pair, (-one[0], -one[1]), other, window)
+                seen.opposite = seen.opposite or not self._contradict(pair, (-one[0], -one[1]), other, window, change)
 
     def _suspected(self, seen: _Comparison) -> int | None:
         """The place of the sensor that a comparison shows to be wrong; None if it shows none."""
@@ -317,15 +345,26 @@ class VelocityWitnesses:
         length = copysign(hypot(*one), one[0] * position[0] + one[1] * position[1])
         return (hypot(*position) - length) ** 2 / (4 * self._variance)
 
+    def _change(self, begin: int, end: int) -> float:
+        """By how much the velocity changes from one time to another [ns], [m/s], by who says the least."""
+        part = int(SETTINGS.ends * 1e9)
+        changes = []
+        for i in (self.wheels, self.velocity):
+            first, last = self._ways[i].between(begin, begin + part), self._ways[i].between(end - part, end)
+            if first is not None and last is not None:
+                changes.append(_length(first, last) / SETTINGS.ends)
+        return min(changes, default=0.0)
+
     def _contradict(
-        self, pair: tuple[int, int], one: tuple[float, float], other: tuple[float, float], window: float
+        self, pair: tuple[int, int], one: tuple[float, float], other: tuple[float, float], window: float, change: float
     ) -> bool:
-        """True if two displacements are apart by more than their margins."""
+        """True if two displacements are apart by more than their margins, where the velocity changed by this much
+        meanwhile [m/s]."""
         s = SETTINGS
         lengths = hypot(*one), hypot(*other)
         margin = s.share * max(lengths) + s.speed * window
         if self.position in pair:
-            margin += s.deviations * sqrt(2 * self._variance)
+            margin += s.deviations * sqrt(2 * self._variance) + s.late * change
         if self.wheels not in pair:
             return _length(one, other) > margin
         opposite = one[0] * other[0] + one[1] * other[1] < 0
