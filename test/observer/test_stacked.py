@@ -78,3 +78,33 @@ def test_columns_that_are_made_in_blocks_are_the_messages_of_each_state(
         for sample in estimate_samples(estimates[row]):
             for field, value in sample.values.items():
                 np.testing.assert_array_equal(output[sample.topic].columns[field][row], np.ravel(value), sample.topic)
+
+
+def test_forces_are_balanced_for_many_estimates_at_once_as_for_one_after_the_other(
+    vehicle: Any, lane_change: Any
+) -> None:
+    found: dict[bool, list[Estimate]] = {True: [], False: []}
+    for one_by_one, estimates in found.items():
+        runner = Runner(vehicle)
+        for i, sample in enumerate(messages(lane_change, 4.0)):
+            runner.add(sample)
+            pause = 1.5e9 < runner.stamp - lane_change.start < 2.5e9
+            if runner.started and i % 3 == 0 and not pause:
+                estimates.append(runner.snapshot() if one_by_one else runner.incomplete_snapshot())
+        runner.adapter.complete()
+    alone, together = (np.array([e.unbalanced for e in found[way]]) for way in (True, False))
+    assert np.isfinite(alone).all()
+    assert len(alone) > 256
+    np.testing.assert_allclose(together, alone, rtol=1e-9, atol=1e-6)
+
+
+def test_messages_of_an_estimate_are_made_one_by_one_with_the_odometry_first(
+    driven: tuple[Runner, list[Estimate]],
+) -> None:
+    runner, _ = driven
+    newest, whole = runner.newest(), runner.estimate()
+    first = next(newest)
+    assert first.topic == "vsense/odometry"
+    for one, other in zip((first, *newest), whole, strict=True):
+        assert one.topic == other.topic
+        assert all(np.array_equal(one.values[name], values, equal_nan=True) for name, values in other.values.items())
