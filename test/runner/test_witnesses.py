@@ -135,6 +135,37 @@ def test_a_radius_that_is_off_by_a_hundredth_is_no_contradiction(sensor: str) ->
     assert not travelled(sensor, 20.0, 0.15).since
 
 
+def gained(wrong: str, error: float = 0.0, slope: float = 0.1) -> str:
+    """The sensor that is found to be wrong on a car without wheel speeds that goes ahead at 15 m/s, and gains 0.6 m/s²
+    from 12 s on: the velocity may be stuck from 13 s on, the position gains an error [m/s], and the slope of the road
+    is felt [m/s²]."""
+    vehicle = load_vehicle(vehicle_path("genesis"))
+    sensors = vehicle.sensing()
+    witnesses, names = VelocityWitnesses(vehicle, sensors), list(sensors)
+    for i in range(50 * 20):
+        now, stamp = i / 50, START + i * SECOND // 50
+        since = [max(now - at, 0.0) for at in (12.0, 13.0)]
+        speed, way = 15.0 + 0.6 * since[0], 15.0 * now + 0.3 * since[0] ** 2
+        witnesses.feel(stamp, [0.0, 0.0, 0.0, 0.6 * (now >= 12.0) + slope, 0.0, 9.81], 0.0)
+        values = {"velocity": min(speed, 15.6) if wrong == "velocity" else speed,
+                  "position": way + error * since[1]}  # fmt: skip
+        for name, value in values.items() if i % 5 == 0 else ():
+            event = Event(names.index(name), stamp, np.array([value, 0.0]), np.full(2, 0.01))
+            witnesses.hear(event, lambda: 0.0)
+        if witnesses.wrong is not None:
+            return names[witnesses.wrong]
+    return ""
+
+
+def test_without_wheels_a_velocity_that_is_stuck_is_found_by_what_is_felt() -> None:
+    assert gained("velocity") == "velocity"
+
+
+@pytest.mark.parametrize("error", [0.0, 2.0, -5.0])
+def test_without_wheels_no_velocity_is_wrong_because_a_position_is(error: float) -> None:
+    assert not gained("position", error)
+
+
 def circled(radius: float, speed: float, stamps: float = 0.0) -> VelocityWitnesses:
     """The witnesses after 8 s in a circle to the left, of which the middle of the rear axle has a radius [m] and a
     speed [m/s], with an antenna in a corner of the roof; positions have stamps that are late [s]."""

@@ -18,7 +18,6 @@ class TravelJudge(Judge):
     """Wheels, velocity and position of one car, as far as the runner may leave one of them out; `out` are the places of
     those that are."""
 
-    why = "contradicts the two others of wheels, velocity and position"
     level = Level.ERROR  # as of a measurement that is refused for long
 
     def __init__(
@@ -29,8 +28,10 @@ class TravelJudge(Judge):
         self._shift = shift
         self.witnesses = VelocityWitnesses(adapter.vehicle, adapter.sensors)
         witnesses = self.witnesses
-        self.hears = frozenset((witnesses.wheels, witnesses.velocity, witnesses.position))
+        self.hears = frozenset(i for i in (witnesses.wheels, witnesses.velocity, witnesses.position) if i >= 0)
         self.judged = self.witnesses.possible and adapter.knows_car
+        self._first = "wheels" if witnesses.wheels >= 0 else "acceleration"
+        self.why = f"contradicts the two others of {self._first}, velocity and position"
         self._wait: dict[int, float] = {}  # how long each must agree next time [s]
 
     @property
@@ -47,7 +48,7 @@ class TravelJudge(Judge):
     def doubts(self) -> list[str]:
         if not self._undecided:
             return []
-        return [f"wheels, velocity and position are apart by {self.witnesses.apart_by:.1f} m/s"]
+        return [f"{self._first}, velocity and position are apart by {self.witnesses.apart_by:.1f} m/s"]
 
     @property
     def apart(self) -> Apart | None:
@@ -94,7 +95,7 @@ class TravelJudge(Judge):
                 self._wait[index] = min(2 * wait, SETTINGS.longest)
 
     def feel(self, stamp: int, h: float, felt: list[float]) -> None:
-        self.witnesses.feel(stamp, felt)
+        self.witnesses.feel(stamp, felt, self._adapter.heading)
 
     def _heading(self) -> float:
         return self._adapter.heading

@@ -7,6 +7,10 @@ Each of them gives the displacement of the car within some seconds by an equatio
     velocity   ∫ (v_east, v_north) dt
     position   p(t) - p(t - T)
 
+Of a car without wheel speeds the inertial sensor is asked in their place: from a velocity that was measured at the
+beginning, and the acceleration along the car since then, less its mean error of the last half minute. It is never found
+to be wrong itself, and depends too much on the velocity to show that a position is.
+
 Where wheels and velocity contradict each other, the one is wrong that the position contradicts more, by the ratio of
 the likelihoods of both; where they agree, and the position contradicts both, the position is. Wheels know no side
 slip, so that they are compared by the lengths of displacements, and by whether they go the same way. A position whose
@@ -54,6 +58,9 @@ class VelocityWitnessSettings:
     longest_wait: float = 3.0  # [s] in which no inertial axis is left out, as one of the witnesses may be wrong
     doubted: float = 2.0  # [m/s] by which a sensor that was wrong may have drawn the velocity, at most
     sideways: float = 0.3  # [-] share of a wrong velocity that may be lateral
+    felt: float = 4.0  # [s] longest window over which an acceleration is integrated,
+    bias: float = 0.1  # [m/s²] with this error that lasts: slopes, bias
+    bias_time: float = 30.0  # [s] over which its mean error is taken
     between: float = 0.045  # [s] between wheel speeds of which the way is made
     sliding: float = 3.0  # [m/s²] longitudinal acceleration from which on wheels may slide, until
     rolling_again: float = 0.5  # [s] later
@@ -138,12 +145,69 @@ class Way:
         last, h = self._places[-1], (stamp - self.newest) * 1e-9
         return last.east + h * self._velocity[0], last.north + h * self._velocity[1]
 
+    def over(self, stamp: int) -> tuple[float, float] | None:
+        """The mean velocity around a time [ns], [m/s]; None where it is not known."""
+        half = int(0.5e9 * SETTINGS.ends)
+        moved = self.between(stamp - half, stamp + half)
+        return None if moved is None else (moved[0] / SETTINGS.ends, moved[1] / SETTINGS.ends)
+
     def between(self, begin: int, end: int) -> tuple[float, float] | None:
         """The displacement from one time to another [ns], [m]; None where it is not known."""
         first, last = self.at(begin), self.at(end)
         if first is None or last is None:
             return None
         return last[0] - first[0], last[1] - first[1]
+
+
+class Felt:
+    """The way that follows from accelerations along the car, from a velocity that is known at its beginning.
+
+    With g the integral of the acceleration, and e the direction in which the car points, it is
+
+        (v₀ - g₀) ∫ e dt + ∫ g e dt.
+    """
+
+    def __init__(self) -> None:
+        self._ahead, self._gained, self._gains = Way(), Way(), Way()
+        self._gain = self._bias = 0.0  # [m/s] and [m/s²]
+        self._stamp = 0  # [ns]
+
+    def feel(self, stamp: int, acceleration: float, heading: float) -> None:
+        """Take in an acceleration along the car [m/s²]."""
+        h, self._stamp = (stamp - self._stamp) * 1e-9, stamp
+        if not 0 < h < SETTINGS.longest_gap or not isfinite(acceleration):
+            self._ahead.clear()
+            return
+        self._gain += h * (acceleration - self._bias)
+        c, s = cos(heading), sin(heading)
+        self._ahead.go(stamp, c, s)
+        self._gained.go(stamp, self._gain * c, self._gain * s)
+        self._gains.be(stamp, self._gain, 0.0)
+
+    @property
+    def newest(self) -> int:
+        """Stamp of the newest place [ns]; 0 if there is none."""
+        return self._ahead.newest
+
+    def learn(self, velocity: Way, begin: int, end: int) -> None:
+        """Take in by how much the velocity changed from one time to another [ns], whose mean acceleration is right."""
+        ends = [velocity.over(stamp) for stamp in (begin, end - int(0.5e9 * SETTINGS.ends))]
+        gains = [self._gains.at(begin), self._gains.at(end - int(0.5e9 * SETTINGS.ends))]
+        if ends[0] is None or ends[1] is None or gains[0] is None or gains[1] is None:
+            return
+        seconds = (end - begin) * 1e-9 - 0.5 * SETTINGS.ends
+        error = (gains[1][0] - gains[0][0] - hypot(*ends[1]) + hypot(*ends[0])) / seconds
+        self._bias += SETTINGS.period / SETTINGS.bias_time * error
+
+    def between(self, velocity: Way, begin: int, end: int) -> tuple[float, float] | None:
+        """The displacement from one time to another [ns], [m], by the velocity at the first; None where it is not
+        known."""
+        first, gain = velocity.over(begin), self._gains.at(begin)
+        ahead, gained = self._ahead.between(begin, end), self._gained.between(begin, end)
+        if first is None or gain is None or ahead is None or gained is None:
+            return None
+        more = hypot(*first) - gain[0]
+        return more * ahead[0] + gained[0], more * ahead[1] + gained[1]
 
 
 @dataclass
@@ -168,7 +232,8 @@ class _Comparison:
 
 
 class VelocityWitnesses:
-    """Wheels, velocity and position of one car; `hear` takes every message in order of arrival.
+    """Wheels, or without them the inertial sensor, velocity and position of one car; `hear` takes every message in
+    order of arrival.
 
     `wrong` is the place of the sensor that is wrong, None for none or as long as that is not clear; `since` the stamp
     since when two of them have contradicted each other [ns], 0 while none do. `opposite` is true if the wheels are
@@ -190,10 +255,12 @@ class VelocityWitnesses:
     @property
     def possible(self) -> bool:
         """True if there are three witnesses."""
-        return min(self.wheels, self.velocity, self.position) >= 0
+        felt = place_of(self._sensors, "rates and forces")
+        return min(max(self.wheels, felt), self.velocity, self.position) >= 0
 
     def forget(self) -> None:
         """The filter begins anew."""
+        self._felt = Felt()
         self._ways = {i: Way() for i in (self.wheels, self.velocity, self.position)}
         self._variance = 0.0  # of a position, averaged [m²]
         self._yaw_rate = 0.0  # [rad/s] that the inertial sensor felt last
@@ -229,7 +296,7 @@ class VelocityWitnesses:
             way.go(event.stamp, east, north)
         else:
             self._locate(event)
-        end = min(way.newest for way in self._ways.values())
+        end = min(self._felt.newest if i < 0 else way.newest for i, way in self._ways.items())
         if abs(end - self._compared) >= SETTINGS.period * 1e9:
             self._compared = end
             self._compare(end)
@@ -245,9 +312,11 @@ class VelocityWitnesses:
         ahead, left = self._antenna
         return forward - rate * left, rate * ahead
 
-    def feel(self, stamp: int, felt: list[float]) -> None:
-        """Take in an inertial reading (6) in the axes of the car: where brakes or engine act strongly, wheels may
-        slide, and are not asked."""
+    def feel(self, stamp: int, felt: list[float], heading: float = 0.0) -> None:
+        """Take in an inertial reading (6) in the axes of the car, which points at a heading [rad]: where brakes or
+        engine act strongly, wheels may slide, and are not asked."""
+        if self.wheels < 0:
+            self._felt.feel(stamp, felt[3], heading)
         self._yaw_rate = felt[2] if isfinite(felt[2]) else 0.0
         if abs(felt[3]) > SETTINGS.sliding:
             self._sliding_until = stamp + int(SETTINGS.rolling_again * 1e9)
@@ -284,6 +353,8 @@ class VelocityWitnesses:
         for window in SETTINGS.windows:
             self._compare_over(window, end, seen)
         seen.together -= seen.apart
+        if self.wheels < 0 and not seen.apart:
+            self._felt.learn(self._ways[self.velocity], end - int(SETTINGS.windows[1] * 1e9), end)
         self.apart_by = seen.apart_by
         self.since = (self.since or end) if seen.apart else 0
         now = max(way.newest for way in self._ways.values())
@@ -301,6 +372,9 @@ class VelocityWitnesses:
         begin = end - int(window * 1e9)
         ways = {i: way.between(begin, end) for i, way in self._ways.items()}
         positions = {i: self._position(i, ways[i], begin, end) for i in (wheels, velocity)}
+        if wheels < 0:
+            ways[wheels] = None if window > SETTINGS.felt else self._felt.between(self._ways[velocity], begin, end)
+            positions[wheels] = positions[velocity]
         change = self._change(begin, end)
         for pair, other in (
             ((wheels, velocity), ways[velocity]),
@@ -320,12 +394,16 @@ class VelocityWitnesses:
             if pair == (wheels, velocity):
                 against = self._far(one, positions[wheels]) - self._far(other, positions[velocity])
                 seen.evidence = max(seen.evidence, against, key=abs)
-                seen.opposite = seen.opposite or not self._contradict(pair, (-one[0], -one[1]), other, window, change)
+                back = (-one[0], -one[1])
+                seen.opposite |= wheels >= 0 and not self._contradict(pair, back, other, window, change)
 
     def _suspected(self, seen: _Comparison) -> int | None:
         """The place of the sensor that a comparison shows to be wrong; None if it shows none."""
         if abs(seen.evidence) > SETTINGS.evidence:
-            return self.wheels if seen.evidence > 0 else self.velocity
+            suspect = self.wheels if seen.evidence > 0 else self.velocity
+            return suspect if suspect >= 0 else None
+        if self.wheels < 0:
+            return None  # what is felt since then depends on the velocity
         others = self.wheels, self.velocity
         if frozenset(others) in seen.together and all(frozenset((i, self.position)) in seen.apart for i in others):
             return self.position
@@ -363,6 +441,8 @@ class VelocityWitnesses:
         s = SETTINGS
         lengths = hypot(*one), hypot(*other)
         margin = s.share * max(lengths) + s.speed * window
+        if self.wheels < 0 and self.wheels in pair:
+            margin += 0.5 * s.bias * window**2
         if self.position in pair:
             margin += s.deviations * sqrt(2 * self._variance) + s.late * change
         if self.wheels not in pair:
