@@ -69,7 +69,7 @@ class Process(NamedTuple):
 def step_length(h: float) -> int:
     """Length of a step of `h` [s] in units of 10 µs, 1 at least, by which processes are kept: a thousandth of a step
     changes less than the settings are known to."""
-    return max(round(h * 1e5), 1)
+    return round(h * 1e5) or 1
 
 
 class CarMemory:

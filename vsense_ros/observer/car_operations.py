@@ -5,7 +5,6 @@ from __future__ import annotations
 import ctypes
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from functools import lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,7 +14,7 @@ from vsense_ros.estimation.gaussian import COMPONENTS
 from vsense_ros.estimation.operations import ADDRESS, Operations, library
 from vsense_ros.model.car.steps import GAMMA
 from vsense_ros.model.constants import GRAVITY
-from vsense_ros.observer.car_memory import CarMemory, Sensed
+from vsense_ros.observer.car_memory import CarMemory, Sensed, step_length
 from vsense_ros.observer.wheel_torques import STANDING
 
 Array = NDArray[np.float64]
@@ -132,7 +131,7 @@ class CarOperations(Operations):
     ) -> None:
         super().__init__(compiled, live, sensors, car.h, outputs, SINGULAR)
         self._car, self._bound, self._bound_sensors, self._kept = car, live, sensors, [*kept_alive]
-        self._process = lru_cache(maxsize=1024)(self._process_of)  # many steps are equally long
+        self._processes: dict[int, int] = {}  # addresses of the numbers of processes, by the length of the step [10 µs]
 
     @classmethod
     def of(cls, car: CarMemory) -> CarOperations | None:
@@ -168,10 +167,11 @@ class CarOperations(Operations):
         return cls(compiled, car, live, sensors, outputs, [expect, brakes, *kept_alive])
 
     def process(self, h: float) -> int:
-        return self._process(h)
-
-    def _process_of(self, h: float) -> int:
-        return int(self._car.processes(h).ctypes.data)
+        length = step_length(h)
+        address = self._processes.get(length)
+        if address is None:
+            address = self._processes[length] = int(self._car.processes(h).ctypes.data)
+        return address
 
     def learn(
         self,
