@@ -68,17 +68,3 @@ def test_the_independent_share_of_a_parameter_is_what_the_others_cannot_stand_in
     left = rows[:, -1] - rows[:, :-1] @ change
     assert at.equations.independent_share([new]) == pytest.approx(np.linalg.norm(left) / np.linalg.norm(rows[:, -1]))
     assert at.equations.only(range(len(others))).independent_share([new]) == 0.0
-
-
-@given(st.integers(0, 10_000))
-def test_what_two_parameters_gain_beside_others_is_what_least_squares_gain_with_them(seed):
-    at = drawn(seed, free_parameters=6)
-    matrix, right = stacked(at, list(range(len(at.residuals))))
-
-    def left(columns: list[int]) -> float:
-        change, *_ = np.linalg.lstsq(matrix[:, columns], right)
-        return float(np.sum((matrix[:, columns] @ change - right) ** 2))
-
-    others = [0, 1]
-    expected = [[left(others) - left([*others, *{i, j}]) for j in range(2, 6)] for i in range(2, 6)]
-    assert_allclose(at.equations.gains_of_pairs(4), expected, rtol=1e-8, atol=1e-8)

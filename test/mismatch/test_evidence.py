@@ -92,6 +92,38 @@ def test_probabilities_are_shares_of_the_sets_that_have_an_effect(blocks):
     assert found.probabilities()["effect 2"] == pytest.approx(weights[having].sum() / weights.sum(), abs=1e-3)
 
 
+def with_profile():
+    """The first four sizes, and one that has the first unknown with the last two along a road."""
+    return [*sizes()[:4], Size(1, "effect 1", "size 1", -9.0, 9.0, LITTLE, along=(5, 6))]
+
+
+def exact_with_profile(blocks, chosen):
+    slopes, residuals = (np.concatenate(parts) for parts in blocks)
+    large = {i + 1 for i in chosen if i < 4} | ({1, 5, 6} if 4 in chosen else set())
+    deviations = np.array([1.0, *(1.0 if i in large else LITTLE for i in range(1, UNKNOWNS))])
+    covariance = np.eye(len(residuals)) + (slopes * deviations**2) @ slopes.T
+    odds = len(chosen) * np.log(ODDS / (1 - ODDS)) + (4 in chosen) * np.log(KNOWN_VARIANCE.doubtful)
+    return multivariate_normal.logpdf(residuals, np.zeros(len(residuals)), covariance) + odds
+
+
+@pytest.mark.parametrize("begin", [frozenset(), frozenset({1}), frozenset({1, 4})])
+def test_what_a_profile_along_the_road_promises_is_its_exact_evidence(blocks, begin):
+    found = evidence_of(blocks, of=with_profile())
+    around = found.neighbours(begin)
+    assert any(4 in chosen ^ begin for chosen in around)
+    assert not any({0, 4} <= chosen for chosen in around)  # one size for all of the road, or one for every place
+    exactly = [exact_with_profile(blocks, chosen) for chosen in around]
+    np.testing.assert_allclose(exactly, sorted(exactly, reverse=True))
+    offsets = [found.of(chosen).evidence - exact_with_profile(blocks, chosen) for chosen in around]
+    assert np.ptp(offsets) < 1e-3
+
+
+def test_a_profile_has_a_plane_in_it(blocks):
+    plane = Size(2, "effect 2", "size 2", -9.0, 9.0, LITTLE, plane=True)
+    found = evidence_of(blocks, of=[plane, with_profile()[-1]])
+    assert frozenset({0, 1}) not in found.neighbours(frozenset({1}))
+
+
 def test_a_set_has_no_size_out_of_its_bounds(blocks):
     bounded = [*sizes()[:1], Size(2, "effect 2", "size 2", -9.0, 0.0, LITTLE), *sizes()[2:]]
     assert evidence_of(blocks, of=bounded).search() == {4}

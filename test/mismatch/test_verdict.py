@@ -112,7 +112,7 @@ def test_a_gain_that_lasts_elsewhere_is_named_and_one_that_does_not_is_not():
 
 def test_of_many_sizes_along_a_road_those_that_do_not_last_in_training_suit_what_was_held_out_by_chance():
     class Suited(Made):
-        comparisons = SimpleNamespace(on_another_road=False)
+        comparisons = SimpleNamespace(on_another_road=False, by_pieces=lambda fitted: False)
 
         def gain(self, hypothesis: Hypothesis) -> float:
             return 0.5
@@ -690,7 +690,7 @@ def test_a_size_that_may_be_zero_is_doubted_whatever_it_explains():
 
 def test_a_road_that_changes_gives_way_to_one_size_that_leaves_no_more_than_a_good_model():
     class Level(Made):
-        comparisons = SimpleNamespace(on_another_road=False)
+        comparisons = SimpleNamespace(on_another_road=False, by_pieces=lambda fitted: False)
 
         def worst_after(self, hypothesis: Hypothesis) -> float:
             return 0.9 if hypothesis.effects == ("drag",) else 1.3

@@ -52,27 +52,6 @@ class NormalEquations:
             offsets = offsets + change
         return np.asarray(costs + self.weight * float(offsets @ offsets) * self.rows / self.rows.sum())
 
-    def gains_of_pairs(self, count: int) -> Array:
-        """(count, count) by how much more the value would fall if two of the last `count` free parameters were fitted
-        together with all that stand before these, than with those alone; on the diagonal if one was. All follow from
-        one elimination of the others (Schur's complement)."""
-        normal = self.normal.sum(axis=0) + self.weight * np.eye(len(self.free_parameters))
-        right = self.gradient
-        others = len(right) - count
-        coupling, block = normal[:others, others:], normal[others:, others:]
-        eliminated = np.linalg.solve(normal[:others, :others], np.column_stack([coupling, right[:others]]))
-        block = block - coupling.T @ eliminated[:, :-1]
-        right = right[others:] - coupling.T @ eliminated[:, -1]
-        size = np.diag(block)
-        determinant = np.outer(size, size) - block**2
-        squares = np.outer(size, right**2)
-        joint = squares + squares.T - 2 * block * np.outer(right, right)
-        alone_falls = right**2 / size
-        with np.errstate(divide="ignore", invalid="ignore"):
-            pairs = np.where(determinant > 1e-9 * np.outer(size, size), joint / determinant, alone_falls[:, None])
-        np.fill_diagonal(pairs, alone_falls)
-        return np.asarray(pairs)
-
     def spread(self) -> Array:
         """(k,) standard deviations of the free parameters after the fit, in units of those before it."""
         normal = self.normal.sum(axis=0)

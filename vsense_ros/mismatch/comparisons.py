@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vsense_ros.identification.least_squares import Fit
-from vsense_ros.mismatch.cross_validation import is_long_enough_for_pieces, passed
+from vsense_ros.mismatch.cross_validation import is_long_enough_for_pieces, passed, passed_once
 from vsense_ros.mismatch.hypothesis import Hypothesis
 from vsense_ros.mismatch.residuals import Residuals
 from vsense_ros.mismatch.road_prediction import RoadPrediction, predict_road
@@ -80,6 +80,14 @@ class Comparisons:
         """True if a fit has estimated a road, and the held-out road is another, which is predicted by its own
         pieces."""
         return self._prediction(fitted) is not None
+
+    def can_prove(self, hypothesis: Hypothesis) -> bool:
+        """True if what a hypothesis has of a road, if anything, says something of the road of what was held out."""
+        if not any(candidate.along_road for candidate in hypothesis.candidates):
+            return True
+        if self.residuals is None:
+            return not passed_once(self.fitted.predictor.dataset.windows)
+        return not self.on_another_road or self.by_pieces(hypothesis.fit)
 
     def _prediction(self, fitted: Fit) -> RoadPrediction | None:
         if (

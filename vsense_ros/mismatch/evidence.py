@@ -39,6 +39,13 @@ class EvidenceSettings:
     expected: float = 0.5  # [1/s] what the expected variance counts, in samples
     form: float = 1e-3  # [-] deviation, over the typical size, of a form of an effect that is not the usual one
     most_little: float = 0.95  # [-] up to which a size is narrower where it is not in the set
+    smooth: float = 100.0  # [m] over which the slope of a road stays about the same
+    visible: float = 0.3  # [-] information on a direction of a profile, over that of its prior, from where on it counts
+    directions: int = 16  # of a profile that are considered
+    # [-] odds, over those of others, of a profile of the road, as its many sizes stand in for whatever acts along the
+    # car, and once more of an effect beside one that is mistaken for it: how the surface bends where a car weaves is
+    # known roughly, and looks like a sensor that is turned
+    doubtful: float = 0.007
     odds: float = 0.03  # [-] that a size is there
     most: int = 8  # sizes in a set
     tried: int = 16  # of the changes of a set that promise most, computed in full
@@ -85,6 +92,9 @@ class Size:
     high: float  # [deviations]
     little: float  # [-] its deviation where it is not in the set, over that where it is
     joins: bool = True  # if others of the effect may be in a set with it
+    plane: bool = False  # if it is the slope of a plane, which a profile has in it
+    along: tuple[int, ...] = ()  # indices of further unknowns that are large with it: a profile along the road
+    mistaken: tuple[str, ...] = ()  # effects that such a profile is mistaken for
 
 
 @dataclass(frozen=True)
@@ -117,10 +127,20 @@ class SetEvidence:
         """(sizes,) inverse prior variances of sizes that are not in a set."""
         return np.array([size.little for size in self.sizes]) ** -2.0
 
+    def _precision(self, chosen: Chosen) -> Array:
+        """(k,) inverse prior variances of the unknowns with a set."""
+        precision = np.ones(len(self.present))
+        for size in self.sizes:
+            precision[[size.unknown, *size.along]] = size.little**-2.0
+        for i in chosen:
+            precision[[self.sizes[i].unknown, *self.sizes[i].along]] = 1.0
+        return precision
+
     def _log_odds(self, chosen: Chosen) -> float:
         """Logarithm of the prior odds of a set against none."""
-        odds = self.settings.odds
-        return len(chosen) * float(np.log(odds / (1 - odds)))
+        odds, sizes = self.settings.odds, [self.sizes[i] for i in chosen]
+        doubtful = sum(bool(one.along) + sum(size.effect in one.mistaken for size in sizes) for one in sizes)
+        return len(chosen) * float(np.log(odds / (1 - odds))) + doubtful * float(np.log(self.settings.doubtful))
 
     def likelihood(self, costs: Array) -> float:
         """The logarithm of the likelihood of sums of squares (blocks,)."""
@@ -141,9 +161,7 @@ class SetEvidence:
     def _posterior(self, chosen: Chosen) -> Posterior:
         """The likeliest unknowns with a set, by reweighted least squares, and Laplace's evidence there."""
         p, m, a = self.products, self._samples, self._expected
-        precision = np.ones(len(self.present))
-        precision[self._unknowns] = self._precisions
-        precision[self._unknowns[sorted(chosen)]] = 1.0
+        precision = self._precision(chosen)
         weights = self._weights
         change: Array = np.zeros(len(self.present))
         for _ in range(self.settings.reweighted):
@@ -164,10 +182,13 @@ class SetEvidence:
         return Posterior(evidence, unknowns, np.asarray(np.linalg.inv(information), float))
 
     def _may_be(self, chosen: Chosen) -> bool:
-        """True if a set is not too large, and has each effect in one form."""
+        """True if a set is not too large, has each effect in one form, and no plane beside a profile of the road."""
         names = [self.sizes[i].name for i in chosen]
         effects = Counter(self.sizes[i].effect for i in chosen)
         one = all(effects[self.sizes[i].effect] == 1 or self.sizes[i].joins for i in chosen)
+        chosen_sizes = [self.sizes[i] for i in chosen]
+        if any(size.plane for size in chosen_sizes) and any(size.along for size in chosen_sizes):
+            return False
         return one and len(names) == len(set(names)) <= self.settings.most
 
     def neighbours(self, chosen: Chosen) -> list[Chosen]:
@@ -176,24 +197,40 @@ class SetEvidence:
         at = self.of(chosen)
         x, c = at.unknowns[self._unknowns], at.covariance[np.ix_(self._unknowns, self._unknowns)]
         inside = np.array([i in chosen for i in range(len(self.sizes))])
-        new, old = np.where(inside, self._precisions, 1.0), np.where(inside, 1.0, self._precisions)
+        precision = self._precision(chosen)
+        new, old = np.where(inside, self._precisions, 1.0), precision[self._unknowns]
         more = new - old  # of precision
         normed = 0.5 * np.log(new / old)
         one = normed - 0.5 * np.log1p(more * np.diag(c)) - 0.5 * more * x**2 / (1 + more * np.diag(c))
         # Two at once, by the 2 × 2 matrix 1/more + c.
-        own = 1 / more + np.diag(c)
-        determinant = np.outer(own, own) - c**2
-        squares = np.outer(own, x**2)
         with np.errstate(divide="ignore", invalid="ignore"):
+            own = 1 / more + np.diag(c)
+            determinant = np.outer(own, own) - c**2
+            squares = np.outer(own, x**2)
             quadratic = (squares + squares.T - 2 * c * np.outer(x, x)) / determinant
             two = np.add.outer(normed, normed) - 0.5 * np.log(determinant * np.outer(more, more)) - 0.5 * quadratic
+        along = {i for i, size in enumerate(self.sizes) if size.along}
         promised: dict[Chosen, float] = {}
         for i, gain in enumerate(one):
             promised[chosen ^ {i}] = float(gain)
         for i, j in np.argwhere(np.triu(np.isfinite(two), 1)):
             promised[chosen ^ {int(i), int(j)}] = float(two[i, j])
+        for i in along:
+            for j in range(len(self.sizes)):
+                promised[chosen ^ {i, j}] = self._promised_by(at, precision, self._precision(chosen ^ {i, j}))
         ranked = sorted(promised, key=lambda other: promised[other] + self._log_odds(other), reverse=True)
         return [other for other in ranked if self._may_be(other)][: self.settings.tried]
+
+    @staticmethod
+    def _promised_by(at: Posterior, old: Array, new: Array) -> float:
+        """By how much the logarithm of the evidence changes with the prior precisions (k,) of any unknowns, if the
+        blocks keep their variances."""
+        changed = np.flatnonzero(old != new)
+        more, x = (new - old)[changed], at.unknowns[changed]
+        wider = np.eye(len(changed)) + at.covariance[np.ix_(changed, changed)] * more
+        quadratic = x @ (more * np.linalg.solve(wider, x))
+        normed = np.sum(np.log(new[changed] / old[changed])) - np.linalg.slogdet(wider)[1]
+        return float(0.5 * (normed - quadratic))
 
     def search(self, begin: Chosen = frozenset()) -> Chosen:
         """The best set that is found from one by changing one or two of its sizes at a time."""

@@ -378,7 +378,7 @@ class _Explainer:
         def fitted(search: Search) -> list[Hypothesis]:
             if assume:
                 return [search.fitting.refined(e) for e in search.together([_all_of(id, library) for id in assume])]
-            return search.single()
+            return search.proposed()
 
         search = Search(residuals, start, base, offered, self.progress)
         hypotheses = fitted(search)
@@ -415,30 +415,31 @@ def _traces(search: Search, shown: Fit, validation: Validation) -> list[Trace]:
 
 
 def _judged_with_further(
-    search: Search, hypotheses: list[Hypothesis], validation: Validation, threshold: float
+    search: Search, proposed: list[Hypothesis], validation: Validation, threshold: float
 ) -> Judged:
-    """The verdict on single effects, on the sets that the evidence proposes, on what explains more with further effects
-    where something is left, and on terms without known physics."""
-    validation.comparisons.prepare(hypotheses)
-    sets = search.proposed(validation.proven, validation.comparisons.prepare)
+    """The verdict on the sets that the evidence proposes; where it is not sure of them, on single effects and what
+    explains more with further ones as well; and on terms without known physics where something is left."""
+    prepare = validation.comparisons.prepare
+    prepare(proposed)
+    hypotheses = [*proposed, *search.reduced(proposed, validation)]
     described: list[Hypothesis] = []
-    judged = judge([*hypotheses, *sets], described, validation, search.with_profile, threshold)
-    known = max(map(validation.proven, hypotheses), default=0.0) - THRESHOLDS.evident_gain
-    if judged.verdict != "named" or judged.partial or judged.leader is None or validation.proven(judged.leader) < known:
-        further = _with_further(search, hypotheses, validation, threshold)  # sets that prove nothing decide nothing
-    else:
-        hypotheses = [*hypotheses, *sets]
-        left = search.leaves_something(judged.leader.fit)
-        further = _with_further(search, [judged.leader], validation, threshold, rounds=1) if left else []
-    hypotheses = [*hypotheses, *further]
     judged = judge(hypotheses, described, validation, search.with_profile, threshold)
+    named = judged.verdict == "named" and not judged.partial
+    begin, rounds = [judged.leader] if named and judged.leader is not None else [], 1
+    if not named and (proposed or search.leaves_something(search.base)):
+        begin, rounds = search.single(), EFFORT.most_effects
+        prepare(begin)
+        hypotheses += begin
+    if begin and (not named or search.leaves_something(begin[0].fit)):
+        hypotheses += _with_further(search, begin, validation, threshold, rounds)
+        judged = judge(hypotheses, described, validation, search.with_profile, threshold)
     if search.leaves_something(judged.leader.fit if judged.leader is not None else search.base):
         described = search.described()
-        validation.comparisons.prepare(described)
+        prepare(described)
         judged = judge(hypotheses, described, validation, search.with_profile, threshold)
     if judged.in_doubt:
         joint = search.joint(judged.in_doubt)
-        validation.comparisons.prepare(joint)
+        prepare(joint)
         judged = judge([*hypotheses, *joint], described, validation, search.with_profile, threshold)
     return judged
 

@@ -94,8 +94,9 @@ class Objections:
             return ANOTHER_ROAD
         if proven <= least:
             return "it explains no more than chance"
-        # Of many sizes some may suit what was held out by chance.
-        lasts = min(proven, e.cv_gain) if along_road else proven
+        # Of many sizes some may suit what was held out by chance, unless they were fitted to its other pieces.
+        chance = along_road and not self.validation.comparisons.by_pieces(e.fit)
+        lasts = min(proven, e.cv_gain) if chance else proven
         if lasts <= limits.lasting_share * e.gain or not self.mends_unseen(e):
             return "little of what it explains lasts where it was not fitted"
         if e.spoilt >= limits.spoilt_share:

@@ -33,6 +33,7 @@ class RoadSettings:
     averaged_points: int = 20  # points over which the shift between two passes is averaged
     again: float = 60.0  # [m] after which a car may come to a place again
     difference: float = 1e-4  # [rad] for derivatives by the angle that a car has turned
+    bend: float = 20.0  # [m] before and behind a place, over which a car that weaves on a straight road has turned back
     stretch: float = 1e6  # [m] of abscissa for each stretch of road by itself, which begins in the middle of them
 
 
@@ -199,13 +200,13 @@ def bending(
 
 def curvature(place: Array, turned: Array) -> Array:
     """How much the road turns per metre (n,) [1/m], from the abscissae (n,) of a car on it and what it has turned (n,)
-    [rad]: over twice `SPACING`, in which a car that weaves on a straight road has turned back. Zero where the abscissa
-    jumps to another stretch of road."""
+    [rad]: over a length in which a car that weaves on a straight road has turned back, and which a tight bend has. Zero
+    where the abscissa jumps to another stretch of road."""
     curvatures = np.zeros(len(place))
     jumps = np.flatnonzero(np.abs(np.diff(place)) > ROAD_SETTINGS.spacing) + 1
     for rows in np.split(np.arange(len(place)), jumps):
         s = np.maximum.accumulate(place[rows])
-        first, last = (np.clip(s + by, s[0], s[-1]) for by in (-SPACING, SPACING))
+        first, last = (np.clip(s + by, s[0], s[-1]) for by in (-ROAD_SETTINGS.bend, ROAD_SETTINGS.bend))
         turn = np.interp(last, s, turned[rows]) - np.interp(first, s, turned[rows])
         curvatures[rows] = np.where(
             last - first > ROAD_SETTINGS.spacing, turn / np.maximum(last - first, ROAD_SETTINGS.spacing), 0.0

@@ -10,15 +10,12 @@ from __future__ import annotations
 from collections.abc import Sequence
 from functools import cached_property
 
-import numpy as np
-
 from vsense_ros.identification.least_squares import Fit
 from vsense_ros.mismatch.candidates import Candidate
 from vsense_ros.mismatch.cross_validation import CrossValidation, as_it_is
 from vsense_ros.mismatch.hypothesis import Signature
 from vsense_ros.mismatch.search_settings import EFFORT
 from vsense_ros.mismatch.secants import Secants
-from vsense_ros.model.effects import EVERY
 from vsense_ros.model.effects.unmodelled import axle_of_torque
 
 
@@ -91,32 +88,6 @@ class Screening:
         names = {candidate.effect for candidate in present}
         return [c for c in self.offered if c.effect not in names and (self.roads_may_vary or not c.along_road)]
 
-    def pairs(self, at: Fit, present: tuple[Candidate, ...]) -> list[Signature]:
-        """The `EFFORT.beam` pairs of effects that promise most beside those present, of all pairs: their gains follow
-        from products that are computed once. Beside no effect these are pairs of which each explains something beyond
-        the other; beside others, and where the two are mistaken for each other, those that promise more than twice what
-        either does alone. An accelerometer that has an offset and is turned as well may read right on the whole: a
-        search that adds one effect at a time sees neither."""
-        self.simulate_new()
-        single = [c for c in self.besides(present) if len(c.free_parameters) == 1]
-        if len(single) < 2:
-            return []
-        equations = self.secants.joined_equations(at, [c.free_parameters[0] for c in single])
-        gains = equations.gains_of_pairs(len(single)) / self.whole
-        alone = np.diag(gains)
-        larger = np.maximum.outer(alone, alone)
-        one_effect = np.array([[a.effect == b.effect for b in single] for a in single])
-        hidden = gains > 2 * larger
-        if present:
-            mistaken = np.array([[are_mistaken(a.effect, b.effect) for b in single] for a in single])
-            wanted = hidden & mistaken
-        else:
-            wanted = gains > larger + EFFORT.refined_gain
-        likely = np.argwhere(np.triu(wanted & ~one_effect, 1))
-        order = np.argsort([-gains[i, j] for i, j in likely])
-        pairs = [self.signature(at, present, (single[i], single[j])) for i, j in likely[order[: EFFORT.pairs_screened]]]
-        return sorted((s for s in pairs if s.independent_share > 0), key=lambda s: s.score, reverse=True)[: EFFORT.beam]
-
     def _may_vary(self, profile: Candidate, present: Sequence[Candidate]) -> bool:
         """True if a profile may be fitted with the candidates present: it would mend the residuals of any other effect,
         as none is quite right, unless it was worth its many parameters alone."""
@@ -146,11 +117,6 @@ class Screening:
         """The axles that are driven, as far as that is known: by measured torques, or by the share of the front wheels
         that was fitted."""
         return self.secants.residuals.predictor.drives.driven_axles(self.base.parameter_set)
-
-
-def are_mistaken(one: str, other: str) -> bool:
-    """True if two effects, by their ids, are mistaken for each other."""
-    return other in EVERY[one].mistaken_for or one in EVERY[other].mistaken_for
 
 
 def first_size(candidate: Candidate) -> tuple[str, str]:

@@ -28,6 +28,7 @@ from vsense_ros.mismatch.screening import Screening, first_size
 from vsense_ros.mismatch.search_settings import EFFORT
 from vsense_ros.mismatch.secants import Secants
 from vsense_ros.mismatch.thresholds import THRESHOLDS
+from vsense_ros.mismatch.validation import Validation
 from vsense_ros.model.effects import EVERY
 
 Array = NDArray[np.float64]
@@ -58,7 +59,6 @@ class Search:
         self.fitting = Fitting(self.secants, self.validation, self.whole, progress)
         self._profiled: dict[Hypothesis, Hypothesis | None] = {}
         self._progress = progress
-        self._single: list[Hypothesis] = []
 
     @cached_property
     def visible(self) -> frozenset[str]:
@@ -82,32 +82,38 @@ class Search:
             new = [s for s in self.screening.screened(self.base, (), EFFORT.shortlist) if s.candidates not in known]
             fitted = _worth_their_freedom([*fitted, *self._refined(self.fitting.fitted(new))])
             self.screening.varying = {e.candidates[-1].name for e in fitted if e.candidates[-1].along_road}
-        self._single = sorted(fitted, key=lambda e: e.score, reverse=True)
-        return self._single
+        return sorted(fitted, key=lambda e: e.score, reverse=True)
 
-    def proposed(
-        self, proven: Callable[[Hypothesis], float], prepare: Callable[[Sequence[Hypothesis]], None]
-    ) -> list[Hypothesis]:
-        """The set of effects that the evidence proposes, and what is instead of its parts; the set without those that
-        hardly matter on recordings that took no part; and each of these sets without any one of its parts. Where a
-        profile of the road explains most of single effects, they are beside it. `proven` is what a hypothesis gains
-        there, and `prepare` simulates several side by side."""
-        best_alone = self._single[:1]
-        road = next((e for e in best_alone if e.candidates[0].along_road), None)
-        proposing = Proposing(self.secants, self.fitting, self.offered, road)
-        found = proposing.proposed()
-        prepare(found)
-        best = found[0] if found else None
+    def proposed(self) -> list[Hypothesis]:
+        """The set of effects that the evidence proposes, and what is instead of its parts; none if it finds nothing."""
+        found = self._proposing.proposed()
+        self._profiled |= self._proposing.level
+        return found
+
+    def reduced(self, proposed: Sequence[Hypothesis], validation: Validation) -> list[Hypothesis]:
+        """The best of the proposed sets that held-out recordings can prove without those effects of which the evidence
+        is not sure, or which hardly matter there, and each of these sets without any one of its parts."""
+        found: list[Hypothesis] = []
+        best = max(filter(validation.comparisons.can_prove, proposed), key=validation.proven, default=None)
         while best is not None and len(best.candidates) > 1:
-            without = proposing.without_each(best)
-            prepare(without)
+            without = self._proposing.without_each(best)
+            validation.comparisons.prepare(without)
             found += without
-            rest = max(without, key=proven)
-            known = proven(rest)
-            if proven(best) - known > THRESHOLDS.evident_gain * max(1 - known, self.least_whole):
+            evident = best.evident
+            doubted = min(best.effects, key=evident.__getitem__)
+            if evident[doubted] < THRESHOLDS.trusted:
+                best = next(e for e in without if doubted not in e.effects)
+                continue
+            rest = max(without, key=validation.proven)
+            known = validation.proven(rest)
+            if validation.proven(best) - known > THRESHOLDS.evident_gain * max(1 - known, self.least_whole):
                 break
             best = rest
         return found
+
+    @cached_property
+    def _proposing(self) -> Proposing:
+        return Proposing(self.secants, self.fitting, self.offered)
 
     def _refined(self, fitted: Sequence[Hypothesis]) -> list[Hypothesis]:
         """Hypotheses with their shapes, fitted further: the best with secants of their own, the others with those of
@@ -146,13 +152,12 @@ class Search:
         what they leave: in cross-validation, unless there are `unseen` recordings to prove it on. Other objections to
         them do not count here: parts of several defects explain little alone."""
 
-        def promised(signatures: Iterable[Signature], known: Hypothesis | None = None) -> Iterator[Promise]:
-            """The gain that a hypothesis, or the base fit, would prove with more effects, if each is worth it."""
-            gain, score, before = (0.0, 0.0, 0.0) if known is None else (known.gain, known.score, proven(known))
+        def promised(signatures: Iterable[Signature], known: Hypothesis) -> Iterator[Promise]:
+            """The gain that a hypothesis would prove with one more effect, if that is worth it."""
+            before = proven(known)
             for signature in signatures:
-                adds = signature.gain - gain if unseen else signature.score - score
-                more = len(signature.candidates) - (0 if known is None else len(known.candidates))
-                if adds > more * least * max(1 - before, self.least_whole):
+                adds = signature.gain - known.gain if unseen else signature.score - known.score
+                if adds > least * max(1 - before, self.least_whole):
                     yield before + adds, signature
 
         promise = itemgetter(0)
@@ -162,21 +167,7 @@ class Search:
             for one in promised(self._with_one_more(hypothesis, place, ranked), hypothesis):
                 effects = frozenset(c.effect for c in one[1].candidates)
                 extended[effects] = max(extended.get(effects, one), one, key=promise)
-        pairs: list[Promise] = []
-        if all(len(e.candidates) == 1 for e in hypotheses):
-            for one in promised(self.screening.pairs(self.base, ())):
-                effects = frozenset(c.effect for c in one[1].candidates)
-                extended[effects] = max(extended.get(effects, one), one, key=promise)
-        for hypothesis in ranked[: EFFORT.beam]:
-            if len(hypothesis.candidates) + 1 < EFFORT.most_effects:
-                hiding = self.screening.pairs(hypothesis.fit, hypothesis.candidates)
-                pairs += promised(hiding, hypothesis)
-        likeliest = sorted(extended.values(), key=promise, reverse=True)
-        fitted = self._fitted_likeliest(likeliest)
-        # Two that hide each other promise more than one more effect, unless that explains what they seem to.
-        two = max(pairs, key=promise, default=None)
-        if two is not None and (not likeliest or two[0] > likeliest[0][0]):
-            fitted += self.fitting.refined_each(self.fitting.fitted([two[1]]))
+        fitted = self._fitted_likeliest(sorted(extended.values(), key=promise, reverse=True))
         return sorted(fitted, key=lambda e: e.score, reverse=True)
 
     def _with_one_more(self, hypothesis: Hypothesis, place: int, ranked: Sequence[Hypothesis]) -> list[Signature]:

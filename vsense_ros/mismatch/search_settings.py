@@ -22,9 +22,9 @@ class SearchSettings:
     most_effects: int = 6  # at once
     shares: tuple[float, ...] = (1.0, 0.5, 0.2)  # of the way to the likeliest unknowns that are tried
     least_likely: float = 5.0  # [-] logarithm of the odds from which on another set is fitted, too
+    unlikely: float = 1e-5  # [-] probability of a set whose sizes are not made linear again
     rounds: int = 4  # in which the evidence proposes a set, and is judged where that is likeliest
     linear_again: float = 600.0  # [s] of driving for which all effects are made linear again, in all rounds together
-    pairs_screened: int = 12  # pairs that promise most by the linear model alone, of which the best are fitted
     shaped_gain: float = 0.03  # [-] of an effect from where on its shape can be seen
     # Least gain of hypotheses that are fitted again with secants of their own: where base parameters stand in
     # for an effect, it takes several fits to undo that.
