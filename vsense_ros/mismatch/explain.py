@@ -421,7 +421,10 @@ def _judged_with_further(
     explains more with further ones as well; and on terms without known physics where something is left."""
     prepare = validation.comparisons.prepare
     prepare(proposed)
-    hypotheses = [*proposed, *search.reduced(proposed, validation)]
+    every = [*proposed, *search.reduced(proposed, validation)]
+    hypotheses = [
+        e for e in every if len(e.effects) == 1 or all(e.evident[id] >= THRESHOLDS.trusted for id in e.effects)
+    ] or every
     described: list[Hypothesis] = []
     judged = judge(hypotheses, described, validation, search.with_profile, threshold)
     named = judged.verdict == "named" and not judged.partial
