@@ -288,6 +288,7 @@ def score_command(options: dict, target: Path, commit: str, note: str) -> None:
         "ablations": {"shuffled_labels": score.all_sets(score.shuffled(results))},
         "confusion": score.confusion(results),
         "reliability": score.reliability(results),
+        "brier": score.brier(results),
     }
     for ablation in tool.ABLATIONS:
         if found := _results(options, ablation):
@@ -298,6 +299,7 @@ def score_command(options: dict, target: Path, commit: str, note: str) -> None:
         _print(name, scores, {ablation: other.get(name, {}) for ablation, other in figures["ablations"].items()})
     _print_confusion(figures["confusion"])
     _print_reliability(figures["reliability"])
+    CONSOLE.print(f"Brier score {figures['brier']:.3f}")
     drawing = picture.reliability(figures["reliability"], target.with_name(f"{target.stem}_reliability.svg"))
     CONSOLE.print(f"Written to {target} and {drawing}.")
     _tell_lost(options)

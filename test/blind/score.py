@@ -293,8 +293,7 @@ def leads(results: list[Result]) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
 def reliability(results: list[Result]) -> list[dict]:
     """How often effects are there that are told with about the same confidence, by bins of it that are not empty: of
     all cases, every effect that was fitted and has a confidence."""
-    pairs = [(effect.confidence, effect.id in r.right) for r in results for effect in reading.effects(r.answer.explain)]
-    found = []
+    pairs, found = _stated(results), []
     for low, high in pairwise(CONFIDENCES):
         inside = [(told, right) for told, right in pairs if low <= told < high]
         if inside:
@@ -303,6 +302,17 @@ def reliability(results: list[Result]) -> list[dict]:
                 {"from": low, "to": min(high, 1.0), "told": mean, "right": share(right for _, right in inside)}
             )
     return found
+
+
+def brier(results: list[Result]) -> float:
+    """Mean squared difference of stated confidence and what is there, of the same effects as `reliability` (Brier,
+    1950): 0 if each is known, 0.25 if each is stated with 0.5."""
+    return float(np.mean([(told - right) ** 2 for told, right in _stated(results)] or [np.nan]))
+
+
+def _stated(results: list[Result]) -> list[tuple[float, bool]]:
+    """Confidence of each effect that was fitted, and whether it is there."""
+    return [(effect.confidence, effect.id in r.right) for r in results for effect in reading.effects(r.answer.explain)]
 
 
 def relative_errors(results: list[Result]) -> np.ndarray:

@@ -228,7 +228,9 @@ def test_a_confidence_is_reliable_where_as_many_are_there_as_it_says(tmp_path):
         entry = effect("gyro_bias", 0.5, confidence=confidence, accepted=True)
         return replace(result, answer=Answer(finding("named", effects=[entry]), 1.0))
 
-    bins = score.reliability([*(told(0.7, i < 7) for i in range(10)), *(told(0.1, i < 1) for i in range(10))])
+    results = [*(told(0.7, i < 7) for i in range(10)), *(told(0.1, i < 1) for i in range(10))]
+    bins = score.reliability(results)
+    assert score.brier(results) == pytest.approx((0.7 * 0.3 + 0.1 * 0.9) / 2)  # a variance where it is reliable
     assert [(each["told"], each["right"]["value"], each["right"]["n"]) for each in bins] == [
         (pytest.approx(0.1), 0.1, 10), (pytest.approx(0.7), 0.7, 10),
     ]  # fmt: skip

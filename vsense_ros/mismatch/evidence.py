@@ -41,7 +41,7 @@ class EvidenceSettings:
     most_little: float = 0.95  # [-] up to which a size is narrower where it is not in the set
     smooth: float = 100.0  # [m] over which the slope of a road stays about the same
     visible: float = 0.3  # [-] information on a direction of a profile, over that of its prior, from where on it counts
-    directions: int = 16  # of a profile that are considered
+    directions: int = 16  # of a profile that are considered; on a long road one for every two places
     # [-] odds, over those of others, of a profile of the road, as its many sizes stand in for whatever acts along the
     # car, and once more of an effect beside one that is mistaken for it: how the surface bends where a car weaves is
     # known roughly, and looks like a sensor that is turned

@@ -421,7 +421,8 @@ def _judged_with_further(
     explains more with further ones as well; and on terms without known physics where something is left."""
     prepare = validation.comparisons.prepare
     prepare(proposed)
-    every = [*proposed, *search.reduced(proposed, validation)]
+    provable = list(filter(validation.comparisons.can_prove, proposed))
+    every = [*proposed, *search.reduced(provable, validation.proven, prepare)]
     hypotheses = [
         e for e in every if len(e.effects) == 1 or all(e.evident[id] >= THRESHOLDS.trusted for id in e.effects)
     ] or every

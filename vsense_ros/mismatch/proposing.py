@@ -57,7 +57,8 @@ class Profile:
             slopes = np.column_stack([secants.column(p)[window] for p in places])
             information += share * products(slopes)
         values, vectors = np.linalg.eigh(root.T @ information @ root)
-        likely = vectors[:, values > EVIDENCE.visible][:, ::-1][:, : EVIDENCE.directions]
+        most = max(EVIDENCE.directions, len(at) // 2)
+        likely = vectors[:, values > EVIDENCE.visible][:, ::-1][:, :most]
         return cls(candidate, root @ likely, np.linalg.solve(root.T, likely).T)
 
     @property

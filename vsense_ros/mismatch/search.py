@@ -28,7 +28,6 @@ from vsense_ros.mismatch.screening import Screening, first_size
 from vsense_ros.mismatch.search_settings import EFFORT
 from vsense_ros.mismatch.secants import Secants
 from vsense_ros.mismatch.thresholds import THRESHOLDS
-from vsense_ros.mismatch.validation import Validation
 from vsense_ros.model.effects import EVERY
 
 Array = NDArray[np.float64]
@@ -90,23 +89,29 @@ class Search:
         self._profiled |= self._proposing.level
         return found
 
-    def reduced(self, proposed: Sequence[Hypothesis], validation: Validation) -> list[Hypothesis]:
+    def reduced(
+        self,
+        provable: Sequence[Hypothesis],
+        proven: Callable[[Hypothesis], float],
+        prepare: Callable[[Sequence[Hypothesis]], None],
+    ) -> list[Hypothesis]:
         """The best of the proposed sets that held-out recordings can prove without those effects of which the evidence
-        is not sure, or which hardly matter there, and each of these sets without any one of its parts."""
+        is not sure, or which hardly matter there, and each of these sets without any one of its parts. `proven` is what
+        a hypothesis gains there, and `prepare` simulates several side by side."""
         found: list[Hypothesis] = []
-        best = max(filter(validation.comparisons.can_prove, proposed), key=validation.proven, default=None)
+        best = max(provable, key=proven, default=None)
         while best is not None and len(best.candidates) > 1:
             without = self._proposing.without_each(best)
-            validation.comparisons.prepare(without)
+            prepare(without)
             found += without
             evident = best.evident
             doubted = min(best.effects, key=evident.__getitem__)
             if evident[doubted] < THRESHOLDS.trusted:
                 best = next(e for e in without if doubted not in e.effects)
                 continue
-            rest = max(without, key=validation.proven)
-            known = validation.proven(rest)
-            if validation.proven(best) - known > THRESHOLDS.evident_gain * max(1 - known, self.least_whole):
+            rest = max(without, key=proven)
+            known = proven(rest)
+            if proven(best) - known > THRESHOLDS.evident_gain * max(1 - known, self.least_whole):
                 break
             best = rest
         return found
