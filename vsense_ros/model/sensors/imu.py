@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from functools import lru_cache
 from typing import ClassVar, Literal
 
 import casadi as ca
@@ -187,18 +188,22 @@ class Imu(SensorBase):
             return {}
         return {field: self._turned(columns[field]) for field in ("angular_velocity", "linear_acceleration")}
 
-    def _to_axes_of_car(self) -> Vector:
-        """What turns vectors (3) in the axes of the sensor into those of the car, (3, 3)."""
-        return np.asarray(Rotation.from_euler("xyz", self.attitude).as_matrix())
-
     def _turned(self, vectors: Vector) -> Vector:
         """Vectors (n, 3) in the axes of the sensor in those of the car. Of a component that is absent (NaN) the car's
         component of which it is the largest part is absent as well; to the others it adds nothing."""
-        turn = self._to_axes_of_car()
+        turn, largest = _to_axes_of_car(*self.attitude)
         absent = np.isnan(vectors)
         turned = np.where(absent, 0.0, vectors) @ turn.T
-        turned[absent[:, np.argmax(np.abs(turn), axis=1)]] = np.nan
+        turned[absent[:, largest]] = np.nan
         return np.asarray(turned)
+
+
+@lru_cache(maxsize=64)
+def _to_axes_of_car(roll: float, pitch: float, yaw: float) -> tuple[Vector, list[int]]:
+    """What turns vectors (3) in the axes of a sensor with this attitude [rad] into those of the car, (3, 3); and of
+    which of these each of the car's is for the most part."""
+    turn = np.asarray(Rotation.from_euler("xyz", (roll, pitch, yaw)).as_matrix())
+    return turn, np.argmax(np.abs(turn), axis=1).tolist()
 
 
 _COVARIANCES = (
