@@ -51,6 +51,9 @@ class LagDoubtSettings:
     least: float = 0.005  # [s] standard deviation of a lag, however long it is looked at
     walk: float = 2e-6  # [s²/s] by which its variance grows: 0.01 s in a minute
     share: float = 0.2  # [-] of a rate that a sensor measures too much, before it is known
+    # [m] half of half a track: wheels that show a share more of a turn are too fast outside or too slow inside, and the
+    # speed by all of them is wrong by half of that.
+    speed_arm: float = 0.4
     share_time: float = 20.0  # [s] in which that is another, as it changes with the speed
     jump: float = 4.0  # [-] standard deviations from which on a lag has changed
     step: float = 0.04  # [s] between the values that are compared
@@ -105,6 +108,11 @@ class _Pair:
     def doubt(self) -> float:
         """Root mean square of the lag, without what is usual [s]."""
         return sqrt(max(self.mean.item(0) ** 2 + self.covariance.item(0) - self._usual**2, 0.0))
+
+    @property
+    def share(self) -> float:
+        """Root mean square of the share."""
+        return sqrt(self.mean.item(1) ** 2 + self.covariance.item(3))
 
     def _age(self, seconds: float) -> None:
         """Let both change for a time [s]."""
@@ -165,10 +173,11 @@ def _of_real_motion(products: Array) -> Array | None:
 class LagDoubt:
     """The doubt about lags of one car's sensors, of pairs of them by the motions that they compare, with the standard
     deviations of what suspension, tyres and levers make look like a lag [s]; `lags` are the largest by turning and by
-    gaining speed [s]."""
+    gaining speed [s]. `wheels` is the place of the wheel speeds, -1 for none."""
 
-    def __init__(self, usual: Mapping[tuple[tuple[int, int], int], float]) -> None:
+    def __init__(self, usual: Mapping[tuple[tuple[int, int], int], float], wheels: int = -1) -> None:
         self._pairs = {(pair, motion): _Pair(DOUBT.noise[motion], s) for (pair, motion), s in usual.items()}
+        self._rolling = [one for (pair, motion), one in self._pairs.items() if motion == TURN and wheels in pair]
         self._until: dict[tuple[int, int], float] = {}
         self._recent: deque[tuple[int, tuple[float, float], float]] = deque(maxlen=16)
         self._lasting = Apart()
@@ -239,7 +248,9 @@ class LagDoubt:
         turn, gain = self.lags
         ahead, across = gain * abs(speed - its_speed) / passed, DOUBT.sideways * turn * abs(speed) * yaw_rate
         fade, soon, was = exp(-h / DOUBT.corrected), exp(-h / DOUBT.answered), self._lasting
-        ahead = hypot(ahead, across * yaw_rate * DOUBT.answered)  # v̇_x = a_x + v_y r
+        share = max((one.share for one in self._rolling), default=0.0)
+        # v̇_x = a_x + v_y r
+        ahead = hypot(ahead, across * yaw_rate * DOUBT.answered, DOUBT.speed_arm * share * yaw_rate)
         self._lasting = Apart(
             ahead=max(ahead, fade * was.ahead),
             across=max(across, fade * was.across),

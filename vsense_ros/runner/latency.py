@@ -165,7 +165,8 @@ class Latencies:
         keys = product(pairs, (TURN, GAIN))
         usual = {(pair, motion): self._unmodelled(pair, motion, LATENCY.usual_speed) for pair, motion in keys}
         # Course and wheels go by the gyro.
-        self.doubt = LagDoubt({key: s for key, s in usual.items() if key[1] == GAIN or self._inertial in key[0]})
+        compared = {key: s for key, s in usual.items() if key[1] == GAIN or self._inertial in key[0]}
+        self.doubt = LagDoubt(compared, self._wheels)
         self._before: dict[int, Late] = {}  # the estimate before that
         self._due = self._begun = self._taken = 0  # [ns]
 
