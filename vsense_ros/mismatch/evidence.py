@@ -20,7 +20,7 @@ one or two sizes more or fewer would change follows in closed form from the mean
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -68,7 +68,7 @@ class Products:
 
     @classmethod
     def of(
-        cls, residuals: Sequence[Array], slopes: Sequence[NDArray[np.floating]], signals: Sequence[int],
+        cls, residuals: Sequence[Array], slopes: Iterable[NDArray[np.floating]], signals: Sequence[int],
         durations: Sequence[float],
     ) -> Products:  # fmt: skip
         """The products of windows with residuals (signals × instants,), slopes (signals × instants, k), so many

@@ -186,14 +186,14 @@ class Proposing:
             present += profile.unknowns(at).tolist()
             along = tuple(range(first, len(present)))
             sizes.append(replace(size, along=along, mistaken=EVERY[size.effect].mistaken_for))
-        slopes = [
+        slopes = (
             np.column_stack([
                 slopes[:, everywhere] * factors,
                 *(column[window] for column in columns.values()),
                 *(profile.slopes(at, self.secants, window) for profile in self.profiles),
             ])
             for window, slopes in enumerate(at.slopes)
-        ]  # fmt: skip
+        )  # fmt: skip
         products = Products.of(at.residuals, slopes, [len(names) for names in self.residuals.layout], self._durations)
         return SetEvidence(products, np.array(present), sizes)
 
