@@ -16,7 +16,7 @@ from vsense_ros.manoeuvre.driver import DRIVER, ramp
 from vsense_ros.manoeuvre.sensing import record
 from vsense_ros.manoeuvre.throttle_and_steer import COURSE, MANOEUVRES
 from vsense_ros.model.schema.observer_settings import Disturbances
-from vsense_ros.model.sensors import Imu, SensorBase, WheelTorques
+from vsense_ros.model.sensors import Imu, SensorBase, WheelSpeeds, WheelTorques
 from vsense_ros.model.simulation.closed_loop import Trajectory, rolling_straight
 from vsense_ros.model.simulation.full_car import simulate_full_car
 from vsense_ros.model.vehicle import Vehicle
@@ -39,13 +39,15 @@ _THROTTLE = WheelTorques(noise=1.0)
 
 
 def with_thesis_sensors(vehicle: Vehicle) -> Vehicle:
-    """Vehicle with the sensors of Rodríguez 2020: the throttle is an input, GNSS gives position but no velocity, and
-    inertial sensors have no biases."""
+    """Vehicle with the sensors of Rodríguez 2020: the throttle is an input, GNSS gives position but no velocity,
+    inertial sensors have no biases, and wheel speeds are measured from rest on."""
     sensors = {name: s for name, s in vehicle.sensors.items() if s.kind != "gnss_velocity"} | {"throttle": _THROTTLE}
     for name, sensor in sensors.items():
         if isinstance(sensor, Imu):
             none = dict.fromkeys(("rate_bias", "rate_bias_drift", "force_bias", "force_bias_drift"), 0.0)
             sensors[name] = sensor.model_copy(update=none)
+        elif isinstance(sensor, WheelSpeeds):
+            sensors[name] = sensor.model_copy(update={"lowest": 0.0})
     return vehicle.model_copy(update={"sensors": sensors})
 
 
