@@ -46,11 +46,11 @@ STEPS = (
     Step("test_spi_step[suspension tables-ukf]", "SPI with messages, two parameters, UKF", 90e-6, "8.4 ms"),
     Step("test_spi_step[suspension tables-ekf]", "SPI with messages, two parameters, EKF", 60e-6),
     Step("test_general_filter[filterpy_ekf]", "filterpy EKF: 42 states, 10 measurements, linear model for nothing"),
-    Step("test_general_filter[filterpy_ukf]", "filterpy UKF: likewise"),
+    Step("test_general_filter[filterpy_ukf]", "filterpy UKF: the same states and measurements"),
     Step("test_full_car", "full car, 29 bodies, without observer", 1e-3),
     Step("test_full_car_observer[none]", "errorEKF on the full car, in steps of 1 ms", 4e-3, "32.7 ms"),
-    Step("test_full_car_observer[ukf]", "SPI on the full car, likewise, two parameters, UKF", 4e-3),
-    Step("test_full_car_observer[ekf]", "SPI on the full car, likewise, two parameters, EKF", 4e-3),
+    Step("test_full_car_observer[ukf]", "SPI on the full car, in steps of 1 ms, two parameters, UKF", 4e-3),
+    Step("test_full_car_observer[ekf]", "SPI on the full car, in steps of 1 ms, two parameters, EKF", 4e-3),
 )
 STEPS_HEAD = """## Steps
 

@@ -307,7 +307,7 @@ def reliability(results: list[Result]) -> list[dict]:
 def brier(results: list[Result]) -> float:
     """Mean squared difference of stated confidence and what is there, of the same effects as `reliability` (Brier,
     1950): 0 if each is known, 0.25 if each is stated with 0.5."""
-    return float(np.mean([(told - right) ** 2 for told, right in _stated(results)] or [np.nan]))
+    return float(np.mean([(stated - right) ** 2 for stated, right in _stated(results)] or [np.nan]))
 
 
 def _stated(results: list[Result]) -> list[tuple[float, bool]]:

@@ -15,6 +15,7 @@ from vsense_ros.manoeuvre.sensing import record
 from vsense_ros.messages.recording import Recording
 from vsense_ros.model.sensors.base import Transmission
 from vsense_ros.model.sensors.gnss_attitude import GnssAttitude
+from vsense_ros.model.sensors.gnss_tilt import GnssTilt
 from vsense_ros.model.simulation.closed_loop import Trajectory, rolling_straight, simulate
 from vsense_ros.model.vehicle import Vehicle
 
@@ -116,3 +117,10 @@ def test_two_antennas_give_the_direction_of_their_base_line_with_the_noise_of_th
     assert np.std(error) == pytest.approx(0.02, rel=0.2)  # of 300 values
     assert abs(np.mean(error)) < 0.005
     assert channel.columns["orientation_covariance"][0, 8] == pytest.approx(0.02**2)
+
+
+def test_two_sensors_of_one_topic_are_refused_and_not_lost(saloon: Vehicle, turn: Trajectory) -> None:
+    antennas = {"heading": GnssAttitude(), "tilt": GnssTilt()}
+    car = saloon.model_copy(update={"sensors": saloon.sensors | antennas})
+    with pytest.raises(InputError, match="would send on gps/attitude in a simulation: give the gnss_tilt a topic"):
+        recorded(turn, car)

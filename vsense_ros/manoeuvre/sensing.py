@@ -19,6 +19,7 @@ from functools import partial
 import numpy as np
 from scipy.spatial.transform import Rotation
 
+from vsense_ros.errors import InputError
 from vsense_ros.messages.recording import Channel, Recording
 from vsense_ros.model.car.car import car_of
 from vsense_ros.model.car.pose import orientation_on_map, position_on_map
@@ -65,14 +66,20 @@ def record(
     """Messages of the vehicle's sensors on a trajectory with steps of 1 ms, and the truth below `reference/`.
 
     `biased=False` leaves the constant errors out. With `every` [ms] all sensors of the car itself measure at the same
-    instants, instead of each at its own. A kind without a `sampling` gives nothing.
+    instants, instead of each at its own. A kind without a `sampling` gives nothing. Raises `InputError` where two
+    sensors have one topic.
     """
     rng = np.random.RandomState(seed)
-    channels = []
+    channels: list[Channel] = []
     of_trailer = {name: sensor for name, sensor in vehicle.sensors.items() if sensor.of_trailer}
     for sensor in (vehicle.sensing() | of_trailer).values():
         usual = sensor.simulated_sampling
         if usual is not None:
+            if sensor.topic in {channel.topic for channel in channels}:
+                raise InputError(
+                    f"two sensors of {vehicle.name} would send on {sensor.topic} in a simulation: give the "
+                    f"{sensor.kind} a topic of its own"
+                )
             sampling = _sampling(usual, every)
             rows = np.arange(sampling.phase, len(trajectory.t), sampling.period)
             truth = _truth(trajectory, vehicle, sensor, rows)

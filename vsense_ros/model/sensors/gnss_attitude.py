@@ -18,7 +18,7 @@ from vsense_ros.model.sensors.base import (
     Vector,
     covariance_diagonal,
 )
-from vsense_ros.model.sensors.gnss import Receiver
+from vsense_ros.model.sensors.gnss import Receiver, orientation_in, orientation_message
 from vsense_ros.model.sensors.simulated import Content, Sampling, SimulatedDrive
 
 
@@ -53,14 +53,14 @@ class GnssAttitude(Receiver):
         return np.full(2, self.noise)
 
     def read(self, names: Names, values: Values, out: Vector, variance: Vector) -> None:
-        x, y, z, w = values["orientation"]
-        heading = np.arctan2(2 * (w * z + x * y), 1 - 2 * (y * y + z * z))
-        out[0], out[1] = np.cos(heading), np.sin(heading)
-        flat = values.get("orientation_covariance")
-        absent = flat is not None and len(flat) and flat[0] == -1
-        if absent or not 0.25 < x * x + y * y + z * z + w * w < 4:  # what is no rotation, all zeros say "unknown"
+        orientation = orientation_in(values)
+        if orientation is None:
             out[:] = np.nan
-        diagonal = covariance_diagonal(flat, 3)
+        else:
+            x, y, z, w = orientation
+            heading = np.arctan2(2 * (w * z + x * y), 1 - 2 * (y * y + z * z))
+            out[0], out[1] = np.cos(heading), np.sin(heading)
+        diagonal = covariance_diagonal(values.get("orientation_covariance"), 3)
         if self.noise_from_message and diagonal is not None:
             variance[:] = diagonal[2]
 
@@ -71,17 +71,9 @@ class GnssAttitude(Receiver):
     def simulated(self, drive: SimulatedDrive) -> Content:
         true = np.arctan2(drive.truth[:, 1], drive.truth[:, 0])
         half = (true + self.noise * drive.rng.standard_normal(len(drive)))[:, None] / 2
-        absent = drive.repeated([-1, *[0] * 8])
-        return Content(
-            {
-                "orientation": drive.digitized(np.hstack([0 * half, 0 * half, np.sin(half), np.cos(half)])),
-                # Two antennas one behind the other see no roll, and their pitch is not used.
-                "orientation_covariance": drive.repeated([1, 0, 0, 0, 1, 0, 0, 0, self.noise**2]),
-                "angular_velocity": drive.repeated([0, 0, 0]),
-                "angular_velocity_covariance": absent,
-                "linear_acceleration": drive.repeated([0, 0, 0]),
-                "linear_acceleration_covariance": absent,
-            }
+        # Two antennas one behind the other see no roll, and their pitch is not used.
+        return orientation_message(
+            drive, np.hstack([0 * half, 0 * half, np.sin(half), np.cos(half)]), (1, 1, self.noise**2)
         )
 
     def heading(self, value: Vector, variance: Vector) -> tuple[float, float] | None:

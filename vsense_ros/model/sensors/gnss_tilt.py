@@ -23,7 +23,7 @@ from vsense_ros.model.sensors.base import (
     covariance_diagonal,
     disturbed,
 )
-from vsense_ros.model.sensors.gnss import Receiver
+from vsense_ros.model.sensors.gnss import Receiver, orientation_in, orientation_message
 from vsense_ros.model.sensors.simulated import Content, Sampling, SimulatedDrive
 
 
@@ -70,17 +70,15 @@ class GnssTilt(Receiver):
         return np.full(2, self.noise)
 
     def read(self, names: Names, values: Values, out: Vector, variance: Vector) -> None:
-        x, y, z, w = values["orientation"]
-        flat = values.get("orientation_covariance")
-        absent = flat is not None and len(flat) and flat[0] == -1
-        if absent or not 0.25 < x * x + y * y + z * z + w * w < 4:  # what is no rotation, all zeros say "unknown"
+        orientation = orientation_in(values)
+        if orientation is None:
             out[:] = np.nan
             return
-        square = x * x + y * y + z * z + w * w
-        out[0] = np.arcsin(np.clip(2 * (y * z + w * x) / square, -1, 1))
-        out[1] = np.arcsin(np.clip(2 * (w * y - x * z) / square, -1, 1))
+        x, y, z, w = orientation
+        out[0] = np.arcsin(np.clip(2 * (y * z + w * x), -1, 1))
+        out[1] = np.arcsin(np.clip(2 * (w * y - x * z), -1, 1))
         out[[self.base_lines == "along", self.base_lines == "across"]] = np.nan
-        diagonal = covariance_diagonal(flat, 2)
+        diagonal = covariance_diagonal(values.get("orientation_covariance"), 2)
         if diagonal is not None:
             out[diagonal >= self.unmeasured] = np.nan
             if self.noise_from_message:
@@ -94,14 +92,4 @@ class GnssTilt(Receiver):
     def simulated(self, drive: SimulatedDrive) -> Content:
         roll, pitch = disturbed(self, drive).T
         turned = Rotation.from_euler("ZYX", np.column_stack([0 * roll, pitch, np.arcsin(np.sin(roll) / np.cos(pitch))]))
-        absent = drive.repeated([-1, *[0] * 8])
-        return Content(
-            {
-                "orientation": drive.digitized(turned.as_quat()),
-                "orientation_covariance": drive.repeated([self.noise**2, 0, 0, 0, self.noise**2, 0, 0, 0, 1e6]),
-                "angular_velocity": drive.repeated([0, 0, 0]),
-                "angular_velocity_covariance": absent,
-                "linear_acceleration": drive.repeated([0, 0, 0]),
-                "linear_acceleration_covariance": absent,
-            }
-        )
+        return orientation_message(drive, turned.as_quat(), (self.noise**2, self.noise**2, 1e6))

@@ -1,6 +1,7 @@
 """Pitch, or roll, and the bias of its gyro by a base line between two antennas (Leung 2010, section 4.5).
 
-    θ̇ = q_m - b_q,  ḃ_q = 0,  z = θ of two antennas one behind the other          φ and p likewise, of two side by side
+    θ̇ = q_m - b_q,  ḃ_q = 0,  z = θ        by two antennas one behind the other
+    φ̇ = p_m - b_p,  ḃ_p = 0,  z = φ        by two antennas side by side
 
 θ is that of body and road together. The print lacks the sign of the bias (C17).
 
