@@ -6,6 +6,7 @@ from synthetic_findings import effect, finding
 from vsense_ros.mismatch.answer_schema import Remainder
 from vsense_ros.mismatch.answer_sentence import conditions, sentence
 from vsense_ros.mismatch.beforehand import delays
+from vsense_ros.mismatch.objections import NO_MORE_THAN_CHANCE
 from vsense_ros.mismatch.tables import effect_rows
 from vsense_ros.mismatch.words import badge_of
 
@@ -72,3 +73,12 @@ def test_an_ambiguous_answer_that_leaves_a_signal_far_off_says_that_there_is_mor
     more = "Whichever it is, something more is left over."
     assert sentence(finding("ambiguous", remainder=rest)).endswith(more)
     assert more not in sentence(finding("ambiguous", remainder=None))
+
+
+def test_what_a_short_drive_cannot_tell_from_chance_is_said_to_be_possible():
+    turned = effect("imu_yaw_misalignment", 0.19, gain_left_out=0.22, objection=NO_MORE_THAN_CHANCE)
+    short = finding("unknown", effects=(turned,), threshold=0.2, driven_s=12.0)
+    assert f"It may be {turned.sentence}: that explains 19 %" in sentence(short)
+    assert sentence(short).endswith("on 12 s of driving chance explains up to 20 %. Longer recordings would decide.")
+    assert "It may be" not in sentence(finding("unknown", effects=(turned,), threshold=0.5, driven_s=12.0))
+    assert "It may be" not in sentence(finding("unknown", effects=(turned,), threshold=0.03, driven_s=120.0))

@@ -11,7 +11,9 @@ from vsense_ros.mismatch.answer_schema import (
     Remainder,
 )
 from vsense_ros.mismatch.beforehand import Beforehand
+from vsense_ros.mismatch.objections import NO_MORE_THAN_CHANCE
 from vsense_ros.mismatch.simulation import LOST
+from vsense_ros.mismatch.thresholds import THRESHOLDS
 from vsense_ros.mismatch.words import in_words, label, percent, physics_in_words, shown_value
 from vsense_ros.model.effects import BY_ID
 
@@ -26,7 +28,8 @@ def sentence(answer: Answer) -> str:
             f"Model and recordings agree once mass, tyres and the like are fitted: there is nothing{more} to find here."
         )
     if answer.verdict == "unknown":
-        return f"Something is left over that no effect of the library explains{_unexplained(answer)}.{_began(answer)}"
+        alone = "no effect of the library explains"
+        return f"Something is left over that {alone}{_unexplained(answer)}.{_began(answer)}{_too_short(answer)}"
     if answer.verdict == "ambiguous":
         return _in_doubt(answer)
     accepted = answer.accepted
@@ -94,6 +97,19 @@ def _unexplained(answer: Answer) -> str:
     if lost := answer.located.lost:
         return f": in {' and '.join(dict.fromkeys(window.recording for window in lost))} {LOST}"
     return f": {answer.located.region.description}" if answer.located.region else ""
+
+
+def _too_short(answer: Answer) -> str:
+    """Which effect explains most where there is too little driving to tell it from chance, as a sentence behind others;
+    empty where none explains half as much as is asked for, or longer recordings would not ask for less."""
+    best = answer.effects[0] if answer.effects else None
+    short = answer.threshold > THRESHOLDS.least_gain
+    if best is None or best.objection != NO_MORE_THAN_CHANCE or not short or best.gain_training < answer.threshold / 2:
+        return ""
+    return (
+        f" It may be {best.sentence}: that explains {percent(best.gain_training)}, but on {answer.driven_s:.0f} s of "
+        f"driving chance explains up to {percent(answer.threshold)}. Longer recordings would decide."
+    )
 
 
 def _in_doubt(answer: Answer) -> str:

@@ -15,6 +15,7 @@ from vsense_ros.mismatch.validation import Validation
 from vsense_ros.model.effects import EVERY
 from vsense_ros.model.effects.base import RoadEffect
 
+NO_MORE_THAN_CHANCE = "it explains no more than chance"
 MIGHT_BE_ZERO = "its size might as well be zero"
 OUTDONE = "a term without known physics explains clearly more"
 ANOTHER_ROAD = (
@@ -93,7 +94,7 @@ class Objections:
         ):
             return ANOTHER_ROAD
         if proven <= least:
-            return "it explains no more than chance"
+            return NO_MORE_THAN_CHANCE
         # Of many sizes some may suit what was held out by chance, unless they were fitted to its other pieces.
         chance = along_road and not self.validation.comparisons.by_pieces(e.fit)
         lasts = min(proven, e.cv_gain) if chance else proven
