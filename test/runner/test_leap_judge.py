@@ -11,6 +11,7 @@ from vsense_ros.estimation.timeline import Event
 from vsense_ros.files.installed import vehicle_path
 from vsense_ros.files.vehicle import load_vehicle
 from vsense_ros.runner import Runner
+from vsense_ros.runner.judge import Rolled
 from vsense_ros.runner.leap_judge import LeapJudge
 
 STEP = 0.01  # [s] between messages
@@ -28,7 +29,8 @@ def is_open_after(runner: Runner, spins: Iterable[list[float]], step: float = ST
     wheels = list(runner.sensors).index("wheel_speeds")
     for i, spin in enumerate(spins):
         runner.health[wheels].refused_in_a_row = i
-        of.hear(Event(wheels, round(1e9 * (1 + i * step)), np.array(spin), np.ones(4)))
+        event = Event(wheels, round(1e9 * (1 + i * step)), np.array(spin), np.ones(4))
+        of.roll(Rolled([event.stamp], event.value[None], event))
     return of.is_open(wheels)
 
 
@@ -37,6 +39,16 @@ def test_four_wheels_that_fall_to_zero_between_two_messages_have_leapt_until_the
     assert is_open_after(runner, [rolling, rolling, still, still])
     runner.judges.forget(0)
     assert not is_open_after(runner, [rolling, rolling, still, still, rolling])
+
+
+@pytest.mark.parametrize("fallen", [3, 4])
+def test_wheels_leap_within_a_block_if_all_of_them_do(runner: Runner, fallen: int) -> None:
+    of = next(one for one in runner.judges if isinstance(one, LeapJudge))
+    wheels = list(runner.sensors).index("wheel_speeds")
+    spins, stamps = np.full((6, 4), SPIN), [round(1e9 * (1 + i * STEP)) for i in range(6)]
+    spins[3:, :fallen] = 0.0
+    of.roll(Rolled(stamps, spins, Event(wheels, stamps[-1], spins[-1], np.ones(4))))
+    assert of.is_open(wheels) is (fallen == 4)
 
 
 def test_wheels_that_lock_one_by_one_have_not_leapt(runner: Runner) -> None:

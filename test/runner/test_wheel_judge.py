@@ -10,6 +10,7 @@ from vsense_ros.files.installed import vehicle_path
 from vsense_ros.files.vehicle import load_vehicle
 from vsense_ros.model.handling.base import car_numbers
 from vsense_ros.runner import Runner
+from vsense_ros.runner.judge import Rolled
 from vsense_ros.runner.wheel_judge import WheelJudge
 
 STEP = 0.02  # [s] between messages
@@ -33,7 +34,9 @@ def left_out(factors: list[list[float]], rate: float = 0.0, force: float = 0.0) 
     for i, factor in enumerate(factors):
         stamp = round(1e9 * (1 + i * STEP))
         of.feel(stamp, STEP, [0.0, 0.0, rate, force, 0.0, 9.81])
-        event = Event(wheels, stamp, rolling(runner, 15.0, rate) * np.array(factor), np.ones(4))
+        spins = rolling(runner, 15.0, rate) * np.array(factor)
+        event = Event(wheels, stamp, spins, np.ones(4))
+        of.roll(Rolled([stamp], spins[None], event))
         of.hear(event)
     return np.flatnonzero(np.isnan(event.value)).tolist(), of.doubt(wheels)
 

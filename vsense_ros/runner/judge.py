@@ -6,6 +6,7 @@ from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from math import isfinite
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -22,7 +23,7 @@ Array = NDArray[np.float64]
 class JudgeSettings:
     """Times at which judges look: decisions of this project."""
 
-    block: int = 40_000_000  # [ns] in which inertial messages are averaged
+    block: int = 40_000_000  # [ns] in which inertial messages are averaged, and wheel speeds collected
     longest: int = 1_000_000_000  # [ns] between two of them, beyond which a block begins anew
     between: int = 40_000_000  # [ns] between two judgements
 
@@ -30,9 +31,19 @@ class JudgeSettings:
 JUDGES = JudgeSettings()
 
 
+class Rolled(NamedTuple):
+    """The wheel speeds of a block in order of arrival, at least one: their stamps [ns], the spins as they came (n, 4),
+    and the newest message as far as it is believed."""
+
+    stamps: list[int]
+    spins: Array
+    newest: Event
+
+
 class Judge(ABC):
     """One judge; `judged` is true if the car has the sensors for it, `hears` are the places of those whose messages it
-    takes, `out` the places of sensors that are not believed; `why` says what for, and `level` how bad that is."""
+    takes one by one, `out` the places of sensors that are not believed; `why` says what for, and `level` how bad that
+    is."""
 
     judged: bool
     hears: frozenset[int]
@@ -85,6 +96,9 @@ class Judge(ABC):
     def feel(self, stamp: int, h: float, felt: list[float]) -> None:
         """Take in the mean of an inertial sensor (6), in the axes of the car, over `h` [s] up to a time [ns]."""
 
+    def roll(self, rolled: Rolled) -> None:  # noqa: B027
+        """Take in the wheel speeds of a block, before what was felt in it."""
+
     def before(self, timeline: Timeline, event: Event) -> None:  # noqa: B027
         """Do what is to be done before the filter has a message: what may have changed while none came."""
 
@@ -98,11 +112,13 @@ class Judges:
 
     def __init__(self, sensors: Sequence[SensorBase], judges: Iterable[Judge]) -> None:
         self._judges = tuple(judge for judge in judges if judge.judged)
-        self._inertial = place_of(sensors, "rates and forces") if self._judges else -1
+        inertial, wheels = (place_of(sensors, what) for what in ("rates and forces", "rolling speed"))
+        self._inertial, self._wheels = (inertial, wheels) if self._judges else (-1, -1)
         self._into_car = into_axes_of_car(sensors, self._inertial)
         self._listeners = {
             i: tuple(judge.hear for judge in self._judges if i in judge.hears) for i in range(len(sensors))
         }
+        self._roll = tuple(judge.roll for judge in self._judges if type(judge).roll is not Judge.roll)
         self._before = tuple(judge.before for judge in self._judges if type(judge).before is not Judge.before)
         self._undecided = tuple(judge for judge in self._judges if type(judge).apart is not Judge.apart)
         self._settled = 0
@@ -145,25 +161,38 @@ class Judges:
 
     def hear(self, event: Event) -> None:
         """Take in a message, in order of arrival; what is not believed of it is changed in it."""
-        if event.sensor != self._inertial:
-            for hear in self._listeners[event.sensor]:
-                hear(event)
+        index, stamp, value = event.sensor, event.stamp, event.value
+        if index == self._inertial:
+            self._felt.append(value)
+            if not 0 <= stamp - self._begun < JUDGES.block:
+                self._end_block(stamp)
             return
-        self._block.append(event.value)
-        if not 0 <= event.stamp - self._begun < JUDGES.block:
-            self._feel(event.stamp)
+        for hear in self._listeners[index]:
+            hear(event)
+        if index == self._wheels:
+            self._stamps.append(stamp)
+            self._spins.append(value)
+            self._newest = event
+            if stamp - self._begun >= JUDGES.block:  # while no inertial message comes
+                self._end_block(stamp)
 
-    def _feel(self, stamp: int) -> None:
-        """End a block of inertial messages, at a time [ns]."""
-        passed, block = stamp - self._begun, self._block
+    def _end_block(self, stamp: int) -> None:
+        """Let the judges look at what has come since the last block, at a time [ns]."""
+        passed, block, stamps, spins = stamp - self._begun, self._felt, self._stamps, self._spins
         self._begin_block(stamp)
-        if 0 <= passed < JUDGES.longest:
+        if stamps:
+            rolled = Rolled(stamps, np.array(spins), self._newest)
+            for roll in self._roll:
+                roll(rolled)
+        if block and 0 <= passed < JUDGES.longest:
             felt = self._into_car(np.add.reduce(block) / len(block)).tolist()
             for judge in self._judges:
                 judge.feel(stamp, passed * 1e-9, felt)
 
     def _begin_block(self, stamp: int) -> None:
-        self._block: list[Array] = []
+        self._felt: list[Array] = []
+        self._stamps: list[int] = []
+        self._spins: list[Array] = []
         self._begun = stamp
 
     def before(self, timeline: Timeline, event: Event) -> None:

@@ -10,7 +10,7 @@ sensor has leapt back, or agrees with the filter again.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 
@@ -18,7 +18,7 @@ from vsense_ros.estimation.intake import Intake
 from vsense_ros.estimation.timeline import Event, Timeline
 from vsense_ros.model.sensors import SensorBase, place_of
 from vsense_ros.runner.adapter import Adapter
-from vsense_ros.runner.judge import Judge
+from vsense_ros.runner.judge import Judge, Rolled
 
 
 @dataclass(frozen=True)
@@ -39,7 +39,7 @@ class _Leap:
     """What a sensor measured last, and by how much it has leapt."""
 
     stamp: int = 0  # [ns]
-    speeds: tuple[float, ...] = ()  # [m/s]
+    speeds: list[float] = field(default_factory=list)  # [m/s]
     sum: float = 0.0  # [m/s] of the leaps since the sensor was believed
     greatest: float = 0.0  # [m/s] that it has been, 0 without a leap
     used: int = 0  # readings that the filter had used by then
@@ -58,15 +58,17 @@ class LeapJudge(Judge):
         sensors = tuple(adapter.sensors.values())
         self._names = tuple(adapter.sensors)
         self._speeds = [i for i, one in enumerate(sensors) if one.measures_speed or "position" in one.measures]
-        self.hears = frozenset(i for i in self._speeds if not sensors[i].on_map)
-        self.judged = bool(self.hears) and place_of(sensors, "rates and forces") >= 0
-        rolling = (i for i in self.hears if "rolling speed" in sensors[i].measures)
+        own = frozenset(i for i in self._speeds if not sensors[i].on_map)
+        self.judged = bool(own) and place_of(sensors, "rates and forces") >= 0
+        self._wheels = place_of(sensors, "rolling speed")
+        self.hears = own - {self._wheels}
+        rolling = (i for i in own if "rolling speed" in sensors[i].measures)
         physics, spin = adapter.vehicle.physics, np.ones(1)
         self._radii = {i: sensors[i].first_speed(spin, physics) or 0.0 for i in rolling}  # [m]
-        self.forget(0)
+        self._leaps = {i: _Leap() for i in own}
 
     def forget(self, stamp: int) -> None:
-        self._leaps = {i: _Leap() for i in self.hears}
+        self._leaps = {i: _Leap() for i in self._leaps}
 
     def is_open(self, index: int) -> bool:
         """True if a sensor has leapt, and is not back."""
@@ -87,11 +89,24 @@ class LeapJudge(Judge):
         ]
 
     def hear(self, event: Event) -> None:
-        leap, health = self._leaps[event.sensor], self._intake.health[event.sensor]
+        self._take(event.sensor, event.stamp, [event.value.item(0) * self._radii.get(event.sensor, 1.0)])
+
+    def roll(self, rolled: Rolled) -> None:
+        speeds, leap = self._radii[self._wheels] * rolled.spins, self._leaps[self._wheels]
+        spread = np.maximum.reduce(speeds) - np.minimum.reduce(speeds)
+        if leap.speeds and not leap.greatest and (spread + np.abs(speeds[0] - leap.speeds) < SETTINGS.noise).any():
+            leap.stamp, leap.speeds = rolled.stamps[-1], speeds[-1].tolist()  # no wheel did, whatever the order
+            return
+        for stamp, row in zip(rolled.stamps, speeds.tolist(), strict=True):
+            self._take(self._wheels, stamp, row)
+
+    def _take(self, index: int, stamp: int, speeds: list[float]) -> None:
+        """Take in speeds [m/s] that a sensor has measured at a time [ns]: of each wheel, or of the car."""
+        leap, health = self._leaps[index], self._intake.health[index]
         if leap.greatest and not health.refused_in_a_row and health.used >= leap.used + SETTINGS.believed:
             leap.end()
-        before, speeds = leap.speeds, self._measured(event)
-        passed, leap.stamp, leap.speeds = (event.stamp - leap.stamp) * 1e-9, event.stamp, speeds
+        before, passed = leap.speeds, (stamp - leap.stamp) * 1e-9
+        leap.stamp, leap.speeds = stamp, speeds
         if not before or passed <= 0:
             return
         changes = (new - old for new, old in zip(speeds, before, strict=True))
@@ -104,13 +119,6 @@ class LeapJudge(Judge):
         leap.greatest = max(leap.greatest, abs(leap.sum))
         if abs(leap.sum) <= SETTINGS.returned * leap.greatest:
             leap.end()
-
-    def _measured(self, event: Event) -> tuple[float, ...]:
-        """The speeds in a message [m/s]: of each wheel, or of the car."""
-        radius = self._radii.get(event.sensor)
-        if radius is None:
-            return (event.value.item(0),)
-        return tuple(radius * spin for spin in event.value.tolist())
 
     def feel(self, stamp: int, h: float, felt: list[float]) -> None:
         """Nothing is to be known of inertial sensors."""

@@ -19,7 +19,7 @@ import numpy as np
 from vsense_ros.estimation.timeline import Event, Timeline
 from vsense_ros.model.sensors import SensorBase, place_of
 from vsense_ros.runner.adapter import Adapter, Apart, Move, Placing, Widening
-from vsense_ros.runner.judge import Judge, widening_event
+from vsense_ros.runner.judge import Judge, Rolled, widening_event
 from vsense_ros.runner.vote import Vote
 from vsense_ros.runner.vote_settings import STEERING, VOTE
 from vsense_ros.runner.yaw_witnesses import WITNESSES, YawWitnesses
@@ -90,6 +90,9 @@ class SteeringJudge(Judge):
                 event.value = np.array([self._given[0]])
             else:
                 self._given = angle, event.stamp
+
+    def roll(self, rolled: Rolled) -> None:
+        self._witnesses.hear(rolled.newest)
 
     def feel(self, stamp: int, h: float, felt: list[float]) -> None:
         adapter = self._adapter

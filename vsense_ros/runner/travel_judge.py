@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 from vsense_ros.estimation.intake import Intake
 from vsense_ros.estimation.timeline import Event, Timeline
 from vsense_ros.messages.diagnostic import Level
 from vsense_ros.model.sensors import SensorBase
 from vsense_ros.runner.adapter import Adapter, Apart
 from vsense_ros.runner.direction_judge import DirectionJudge
-from vsense_ros.runner.judge import Judge, widening_event
+from vsense_ros.runner.judge import Judge, Rolled, widening_event
 from vsense_ros.runner.velocity_witnesses import SETTINGS, VelocityWitnesses
 from vsense_ros.runner.vote import Vote
 from vsense_ros.runner.vote_settings import VOTE
@@ -33,6 +35,7 @@ class TravelJudge(Judge):
         self._first = "wheels" if witnesses.wheels >= 0 else "acceleration"
         self.why = f"contradicts the two others of {self._first}, velocity and position"
         self._wait: dict[int, float] = {}  # how long each must agree next time [s]
+        self._rolled: Event | None = None  # the newest wheel speeds of a block, believed or not
 
     @property
     def suspect(self) -> bool:  # type: ignore[override]
@@ -70,9 +73,19 @@ class TravelJudge(Judge):
     def hear(self, event: Event) -> None:
         if not self._adapter.heading_known:
             return
-        self.witnesses.hear(event, self._heading)
+        heard = event
         if event.sensor in self.out:
+            heard = replace(event)
             event.without(list(range(len(event.value))))
+        if event.sensor == self.witnesses.wheels:
+            self._rolled = heard
+        else:
+            self.witnesses.hear(heard, self._heading)
+
+    def roll(self, rolled: Rolled) -> None:
+        if self._rolled is not None:
+            self.witnesses.hear(self._rolled, self._heading)
+            self._rolled = None
 
     def settle(self, timeline: Timeline) -> None:
         witnesses = self.witnesses

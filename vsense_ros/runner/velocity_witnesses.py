@@ -61,7 +61,6 @@ class VelocityWitnessSettings:
     felt: float = 4.0  # [s] longest window over which an acceleration is integrated,
     bias: float = 0.1  # [m/s²] with this error that lasts: slopes, bias
     bias_time: float = 30.0  # [s] over which its mean error is taken
-    between: float = 0.045  # [s] between wheel speeds of which the way is made
     sliding: float = 3.0  # [m/s²] longitudinal acceleration from which on wheels may slide, until
     rolling_again: float = 0.5  # [s] later
     agreed: float = 2.0  # [s] of agreement after which a sensor is believed again; twice as long each time, up
@@ -282,8 +281,6 @@ class VelocityWitnesses:
         index = event.sensor
         way = self._ways[index]
         if index == self.wheels:
-            if 0 < event.stamp - way.newest < SETTINGS.between * 1e9:
-                return
             if event.stamp < self._sliding_until:
                 way.clear()
                 return

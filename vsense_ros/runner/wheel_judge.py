@@ -11,12 +11,14 @@ from __future__ import annotations
 from dataclasses import dataclass
 from math import cos, sin
 
+import numpy as np
+
 from vsense_ros.estimation.timeline import Event, Timeline
 from vsense_ros.model.coordinates import WHEELS
 from vsense_ros.model.handling.base import car_numbers
 from vsense_ros.model.sensors import place_of
 from vsense_ros.runner.adapter import Adapter
-from vsense_ros.runner.judge import Judge
+from vsense_ros.runner.judge import Judge, Rolled
 
 
 @dataclass(frozen=True)
@@ -78,18 +80,21 @@ class WheelJudge(Judge):
         return [speed + rate * across for speed, across in zip(speeds, self._across, strict=True)]
 
     def hear(self, event: Event) -> None:
-        speeds = self._speeds(event.value.tolist())
+        if self.alone:
+            event.without(list(self.alone))
+
+    def roll(self, rolled: Rolled) -> None:
+        speeds = self._speeds((np.add.reduce(rolled.spins) / len(rolled.spins)).tolist())
+        begin, end = rolled.stamps[0], rolled.stamps[-1]
         order = sorted(range(4), key=speeds.__getitem__) if sum(speeds) == sum(speeds) else []
         far = self._far(speeds, order) if order and abs(self._force) < WHEEL.sliding else None
         if far is None or far not in self.alone:
-            self._mark(far, event.stamp, speeds, order)
+            self._mark(far, begin, end, speeds, order)
         for wheel in list(self.alone):
-            since = self._agreed_from.setdefault(wheel, event.stamp) if order and far != wheel else event.stamp
+            since = self._agreed_from.setdefault(wheel, end) if order and far != wheel else end
             self._agreed_from[wheel] = since
-            if event.stamp - since >= WHEEL.agreed:
+            if end - since >= WHEEL.agreed:
                 del self.alone[wheel], self._agreed_from[wheel]
-        if self.alone:
-            event.without(list(self.alone))
 
     def _far(self, speeds: list[float], order: list[int]) -> int | None:
         """The wheel that is far from the three others, which agree; None for none."""
@@ -101,10 +106,11 @@ class WheelJudge(Judge):
             return order[0]
         return None
 
-    def _mark(self, far: int | None, stamp: int, speeds: list[float], order: list[int]) -> None:
-        """Note which wheel is far from the others now, and leave it out if it has been so for long."""
-        self._far_from = {} if far is None else {far: self._far_from.get(far, stamp)}
-        if far is not None and stamp - self._far_from[far] >= WHEEL.wrong:
+    def _mark(self, far: int | None, begin: int, end: int, speeds: list[float], order: list[int]) -> None:
+        """Note which wheel is far from the others from one time to another [ns], and leave it out if it has been so
+        for long."""
+        self._far_from = {} if far is None else {far: self._far_from.get(far, begin)}
+        if far is not None and end - self._far_from[far] >= WHEEL.wrong:
             middle = 0.5 * (speeds[order[1]] + speeds[order[2]])
             self.alone[far] = (speeds[far] - middle) / max(abs(middle), 1.0)
             self._undone.add(far)

@@ -74,7 +74,8 @@ _CRAWLING = 0.1  # [m/s] for a division by the speed, far below the slowest that
 
 
 class YawWitnesses:
-    """The direct witnesses of one car's yaw rate; `hear` takes messages in order of arrival, `feel` inertial ones.
+    """The direct witnesses of one car's yaw rate; `hear` takes messages in order of arrival, of wheels the newest of a
+    block, and `feel` what inertial sensors felt in it. `hears` are the places of the others.
 
     `since` is the stamp [ns] since when the gyro has contradicted the steering, `contradiction` by how much they have
     turned apart meanwhile beyond their margins, `apart_by` by how much the yaw rates of both differ; `wrong` is true
@@ -86,7 +87,7 @@ class YawWitnesses:
         self.steering = place_of(self._sensors, "steering")
         self._wheels = place_of(self._sensors, "rolling speed")
         self._course = place_of(self._sensors, "course")
-        self.hears = frozenset((self.steering, self._wheels, self._course))
+        self.hears = frozenset((self.steering, self._course))
         self._is_felt = place_of(self._sensors, "rates and forces") >= 0
         numbers = car_numbers(vehicle)
         self._offset_limit = WITNESSES.offsets * vehicle.observer.surroundings.steering_offset
@@ -141,7 +142,7 @@ class YawWitnesses:
         return self._confirmed if recent else 0
 
     def hear(self, event: Event) -> None:
-        """Take in a message of `hears`, which are all but inertial ones."""
+        """Take in a message of steering, wheels or course."""
         index = event.sensor
         if index == self.steering:
             self._steer(event.value.item(0), event.stamp)
