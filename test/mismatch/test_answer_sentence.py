@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 from synthetic_findings import effect, finding
-from vsense_ros.mismatch.answer_schema import Remainder
+from vsense_ros.mismatch.answer_schema import EffectEntry, Remainder
 from vsense_ros.mismatch.answer_sentence import conditions, sentence
 from vsense_ros.mismatch.beforehand import delays
-from vsense_ros.mismatch.objections import NO_MORE_THAN_CHANCE
+from vsense_ros.mismatch.objections import LITTLE_LASTS, NO_MORE_THAN_CHANCE
 from vsense_ros.mismatch.tables import effect_rows
 from vsense_ros.mismatch.words import badge_of
 
@@ -75,10 +77,16 @@ def test_an_ambiguous_answer_that_leaves_a_signal_far_off_says_that_there_is_mor
     assert more not in sentence(finding("ambiguous", remainder=None))
 
 
-def test_what_a_short_drive_cannot_tell_from_chance_is_said_to_be_possible():
-    turned = effect("imu_yaw_misalignment", 0.19, gain_left_out=0.22, objection=NO_MORE_THAN_CHANCE)
-    short = finding("unknown", effects=(turned,), threshold=0.2, driven_s=12.0)
-    assert f"It may be {turned.sentence}: that explains 19 %" in sentence(short)
-    assert sentence(short).endswith("on 12 s of driving chance explains up to 20 %. Longer recordings would decide.")
-    assert "It may be" not in sentence(finding("unknown", effects=(turned,), threshold=0.5, driven_s=12.0))
-    assert "It may be" not in sentence(finding("unknown", effects=(turned,), threshold=0.03, driven_s=120.0))
+def test_what_a_short_drive_cannot_prove_is_said_to_be_possible():
+    turned = effect("imu_yaw_misalignment", 0.19, objection=NO_MORE_THAN_CHANCE)
+    sloping = effect("road_grade", 0.85, objection=LITTLE_LASTS)
+
+    def said(*effects: EffectEntry, threshold: float = 0.2, **more: Any) -> str:
+        return sentence(finding("unknown", effects=effects, threshold=threshold, driven_s=12.0, **more))
+
+    assert f"It may be {turned.sentence}: that explains 19 %" in said(turned, held_out=())
+    assert "on 12 s of driving chance explains up to 20 %. Longer recordings would" in said(turned, held_out=())
+    assert "explains 85 %, but on 12 s of driving little of what it" in said(turned, sloping, held_out=())
+    assert "It may be" not in said(turned, held_out=(), threshold=0.5)  # it explains far less than chance does
+    assert "It may be" not in said(turned, held_out=(), threshold=0.03)  # there is driving enough
+    assert "It may be" not in said(turned, held_out=("lap",))

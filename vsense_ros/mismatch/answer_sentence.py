@@ -11,7 +11,7 @@ from vsense_ros.mismatch.answer_schema import (
     Remainder,
 )
 from vsense_ros.mismatch.beforehand import Beforehand
-from vsense_ros.mismatch.objections import NO_MORE_THAN_CHANCE
+from vsense_ros.mismatch.objections import LITTLE_LASTS, NO_MORE_THAN_CHANCE
 from vsense_ros.mismatch.simulation import LOST
 from vsense_ros.mismatch.thresholds import THRESHOLDS
 from vsense_ros.mismatch.words import in_words, label, percent, physics_in_words, shown_value
@@ -28,8 +28,12 @@ def sentence(answer: Answer) -> str:
             f"Model and recordings agree once mass, tyres and the like are fitted: there is nothing{more} to find here."
         )
     if answer.verdict == "unknown":
-        alone = "no effect of the library explains"
-        return f"Something is left over that {alone}{_unexplained(answer)}.{_began(answer)}{_too_short(answer)}"
+        left = f"Something is left over that no effect of the library explains{_unexplained(answer)}."
+        possible = _possible(answer)
+        if possible is None:
+            return left + _began(answer)
+        begins = answer.onset is not None and answer.onset.gain > possible.gain_training
+        return left + (_began(answer) if begins else "") + _may_be(possible, answer)
     if answer.verdict == "ambiguous":
         return _in_doubt(answer)
     accepted = answer.accepted
@@ -99,17 +103,23 @@ def _unexplained(answer: Answer) -> str:
     return f": {answer.located.region.description}" if answer.located.region else ""
 
 
-def _too_short(answer: Answer) -> str:
-    """Which effect explains most where there is too little driving to tell it from chance, as a sentence behind others;
-    empty where none explains half as much as is asked for, or longer recordings would not ask for less."""
-    best = answer.effects[0] if answer.effects else None
-    short = answer.threshold > THRESHOLDS.least_gain
-    if best is None or best.objection != NO_MORE_THAN_CHANCE or not short or best.gain_training < answer.threshold / 2:
-        return ""
-    return (
-        f" It may be {best.sentence}: that explains {percent(best.gain_training)}, but on {answer.driven_s:.0f} s of "
-        f"driving chance explains up to {percent(answer.threshold)}. Longer recordings would decide."
-    )
+def _possible(answer: Answer) -> EffectEntry | None:
+    """The effect that explains most where there is too little driving to prove it. None where none explains half as
+    much as is asked for, or longer recordings would not ask for less."""
+    if answer.threshold <= THRESHOLDS.least_gain or answer.held_out:
+        return None
+    likely = (e for e in answer.effects if e.objection in (NO_MORE_THAN_CHANCE, LITTLE_LASTS))
+    best = max(likely, key=lambda e: e.gain_training, default=None)
+    return best if best is not None and best.gain_training >= answer.threshold / 2 else None
+
+
+def _may_be(effect: EffectEntry, answer: Answer) -> str:
+    """What an effect explains that is not proven, and why not, as a sentence behind others."""
+    why = LITTLE_LASTS
+    if effect.objection == NO_MORE_THAN_CHANCE:
+        why = f"chance explains up to {percent(answer.threshold)}"
+    explains = f" It may be {effect.sentence}: that explains {percent(effect.gain_training)}"
+    return f"{explains}, but on {answer.driven_s:.0f} s of driving {why}. Longer recordings would decide."
 
 
 def _in_doubt(answer: Answer) -> str:

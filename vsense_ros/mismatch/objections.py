@@ -16,6 +16,7 @@ from vsense_ros.model.effects import EVERY
 from vsense_ros.model.effects.base import RoadEffect
 
 NO_MORE_THAN_CHANCE = "it explains no more than chance"
+LITTLE_LASTS = "little of what it explains lasts where it was not fitted"
 MIGHT_BE_ZERO = "its size might as well be zero"
 OUTDONE = "a term without known physics explains clearly more"
 ANOTHER_ROAD = (
@@ -99,7 +100,7 @@ class Objections:
         chance = along_road and not self.validation.comparisons.by_pieces(e.fit)
         lasts = min(proven, e.cv_gain) if chance else proven
         if lasts <= limits.lasting_share * e.gain or not self.mends_unseen(e):
-            return "little of what it explains lasts where it was not fitted"
+            return LITTLE_LASTS
         if e.spoilt >= limits.spoilt_share:
             return "it spoils in some drives a good part of what it mends in others"
         return ""
