@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import struct
+import tracemalloc
 import zlib
 from pathlib import Path
 
@@ -415,3 +416,21 @@ def test_messages_in_which_most_bytes_stay_take_the_memory_of_those_that_change(
     assert np.array_equal(again, messages)
     assert rows.as_list() == [bytes(one) for one in messages]
     assert rows.values.nbytes < messages.nbytes / 6
+
+
+def test_a_bag_of_an_hour_holds_no_more_memory_than_a_chunk_and_its_index(tmp_path: Path) -> None:
+    chunks, topics, most = 400, 40, 1000  # [byte] for a chunk; an object for each would be 3,800
+    data = bytes(100)
+    with BagWriter(tmp_path / "long", compression="lz4", split_size=100_000) as writer:
+        tracemalloc.start()
+        before = 0
+        for chunk in range(chunks):
+            for topic in range(topics):
+                writer.write_raw(f"topic_{topic}", "can_msgs/msg/Frame", 10**9 + chunk, data)
+            writer.flush()
+            if chunk == chunks // 2:
+                before = tracemalloc.get_traced_memory()[0]
+        grown = tracemalloc.get_traced_memory()[0] - before
+        tracemalloc.stop()
+    assert len(list((tmp_path / "long").glob("*.mcap"))) > 3
+    assert grown < most * chunks / 2

@@ -70,7 +70,8 @@ class McapWriter:
         self._counts: dict[int, int] = {}  # by number of the channel
         self._chunk = bytearray()
         self._index: dict[int, list[tuple[int, int]]] = {}  # time and offset of the messages of the chunk, by channel
-        self._chunk_indexes: list[ChunkIndex] = []
+        self._chunk_indexes = bytearray()  # their records: as objects, those of an hour at 250 Hz would be 50 MB
+        self._chunks = 0
         self._put(MAGIC + _bytes_of(Header("ros2", "vsense_ros")))
 
     @property
@@ -138,9 +139,10 @@ class McapWriter:
             head = _MESSAGE_INDEX_HEAD.pack(Opcode.MESSAGE_INDEX, 6 + entries.nbytes, channel, entries.nbytes)
             self._put(head + entries.tobytes())
         index_length = self._at - start - length
-        self._chunk_indexes.append(
+        self._chunk_indexes += _bytes_of(
             ChunkIndex(length, start, self._compression, len(packed), last, index_length, offsets, first, len(raw))
         )
+        self._chunks += 1
         self._file.flush()
         self._chunk.clear()
         self._index.clear()
@@ -162,24 +164,23 @@ class McapWriter:
             attachment_count=0,
             channel_count=len(self._channels),
             channel_message_counts=dict(sorted(self._counts.items())),
-            chunk_count=len(self._chunk_indexes),
+            chunk_count=self._chunks,
             message_count=sum(self._counts.values()),
             message_end_time=last,
             message_start_time=first,
             metadata_count=1,
             schema_count=len(self._schemas),
         )
-        groups: dict[Opcode, list[McapRecord]] = {
-            Opcode.SCHEMA: [*self._schemas.values()],
-            Opcode.CHANNEL: [*self._channels.values()],
-            Opcode.CHUNK_INDEX: [*self._chunk_indexes],
-            Opcode.METADATA_INDEX: [metadata_index],
-            Opcode.STATISTICS: [statistics],
+        groups = {
+            Opcode.SCHEMA: _bytes_of(*self._schemas.values()),
+            Opcode.CHANNEL: _bytes_of(*self._channels.values()),
+            Opcode.CHUNK_INDEX: bytes(self._chunk_indexes),
+            Opcode.METADATA_INDEX: _bytes_of(metadata_index),
+            Opcode.STATISTICS: _bytes_of(statistics),
         }
         start, summary, offsets = self._at, b"", b""
-        for opcode, records in groups.items():
-            if records:
-                group = _bytes_of(*records)
+        for opcode, group in groups.items():
+            if group:
                 offsets += _bytes_of(SummaryOffset(opcode, start + len(summary), len(group)))
                 summary += group
         footer = _bytes_of(Footer(start, start + len(summary), 0))[:-4]

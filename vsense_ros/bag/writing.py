@@ -10,7 +10,7 @@ from tempfile import TemporaryDirectory
 from types import TracebackType
 
 from vsense_ros.bag.mcap_writer import COMPRESSORS, McapWriter
-from vsense_ros.bag.metadata import FILE_NAME, TopicDescription, metadata_text
+from vsense_ros.bag.metadata import FILE_NAME, FileSummary, TopicDescription, metadata_text
 from vsense_ros.errors import InputError
 from vsense_ros.messages import cdr
 from vsense_ros.messages.recording import Channel, Recording, Sample, as_numbers, by_arrival
@@ -49,14 +49,13 @@ class BagWriter:
             old.unlink()
         self.path.mkdir(parents=True, exist_ok=True)
         self._descriptions: dict[str, TopicDescription] = {}
-        self._files: list[McapWriter] = []
+        self._finished: list[FileSummary] = []
         self._closed = False
         self._begin_file()
 
     def _begin_file(self) -> None:
-        name = f"{self.path.resolve().name}_{len(self._files)}.mcap"
+        name = f"{self.path.resolve().name}_{len(self._finished)}.mcap"
         self._file = McapWriter(self.path / name, self._compression)
-        self._files.append(self._file)
 
     def describe_bag(self, metadata: Mapping[str, str]) -> None:
         """Add to the metadata of the bag, which are written at its end."""
@@ -91,6 +90,7 @@ class BagWriter:
         """Finish the file, and begin the next."""
         if self._file.begun:
             self._file.finish(self._metadata_text())
+            self._finished.append(self._file.summary())
             self._begin_file()
 
     def flush(self) -> None:
@@ -112,7 +112,7 @@ class BagWriter:
         self._file.abandon()
 
     def _metadata_text(self) -> str:
-        return metadata_text([file.summary() for file in self._files], self._descriptions, self._metadata)
+        return metadata_text([*self._finished, self._file.summary()], self._descriptions, self._metadata)
 
     def __enter__(self) -> BagWriter:
         return self
