@@ -100,7 +100,7 @@ class Fit:
     free_parameters: tuple[FreeParameter, ...]
     offsets: Array  # (k,)
     residuals: list[Array]  # by block, (rows,)
-    slopes: list[Slopes]  # by block, (rows, k) by the free parameters in units of their deviations
+    slopes: Sequence[Slopes]  # by block, (rows, k) by the free parameters in units of their deviations
     weight: float  # what a free parameter that is one deviation off costs
     converged: bool = True
 

@@ -13,6 +13,7 @@ from vsense_ros.mismatch.cross_validation import CrossValidation
 from vsense_ros.mismatch.hypothesis import Hypothesis, Signature
 from vsense_ros.mismatch.search_settings import EFFORT
 from vsense_ros.mismatch.secants import Secants
+from vsense_ros.mismatch.stored_slopes import stored
 
 
 class Fitting:
@@ -36,8 +37,9 @@ class Fitting:
         gained, lost = np.sum(falls[falls > 0]), -np.sum(falls[falls < 0])
         folds = self.validation.folds_for(candidates)
         cv_gains = folds.gains(folds.apart(fitted).equations, self.whole)
+        kept = replace(fitted, slopes=stored(fitted.slopes))
         return Hypothesis(
-            candidates, fitted, independent_share, (self.base.value - fitted.value) / self.whole, *cv_gains,
+            candidates, kept, independent_share, (self.base.value - fitted.value) / self.whole, *cv_gains,
             float(lost / max(gained, 1e-12)), self._deviations(candidates, fitted),
         )  # fmt: skip
 

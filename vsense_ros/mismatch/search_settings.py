@@ -34,6 +34,7 @@ class SearchSettings:
     few_places: int = 40
     # [-] of the cost by which base parameters fit better elsewhere if their fit stopped short
     stuck_share: float = 0.02
+    stored_from: int = 4_000_000  # [byte] of slopes of an explanation, from where on they are kept in a file
     terms_tried: int = 3  # terms that are fitted in full
     # [-] deviation of a size that was named, over its fitted value, with which the prior hardly shrinks it
     unshrunk_ratio: float = 2.0
