@@ -12,12 +12,14 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from vsense_ros.identification.least_squares import Fit, fit, prior_weight, slopes_by
+from vsense_ros.identification.free_parameter import FreeParameter
+from vsense_ros.identification.least_squares import Fit, Slopes, fit, prior_weight
 from vsense_ros.identification.parameter_set import ParameterSet
 from vsense_ros.mismatch.candidates import at_places
 from vsense_ros.mismatch.cross_validation import chosen, odd
 from vsense_ros.mismatch.residuals import Residuals
 from vsense_ros.mismatch.search_settings import EFFORT
+from vsense_ros.mismatch.secants import slopes_of_places
 from vsense_ros.mismatch.windows import Window
 
 Array = NDArray[np.float64]
@@ -64,15 +66,13 @@ def predict_road(residuals: Residuals, before: Sequence[Array], fitted: Fit) -> 
         [np.zeros((len(r), 0), np.float32) for r in before],
         prior_weight(before),
     )  # fmt: skip
-    free_parameters = [
-        parameter
-        for size in sizes
-        for parameter in at_places(
-            size, [at for at in residuals.predictor.dataset.points if (size.name, at) not in known]
-        )
-    ]
-    # A slope at one place bends the road beside it, which no share of the slope everywhere describes.
-    columns = slopes_by(residuals, fitted.parameter_set, unknown, free_parameters, EFFORT.secant)
+    free_parameters: list[FreeParameter] = []
+    columns: list[list[Slopes]] = []
+    for size in sizes:
+        # A slope at one place bends the road beside it, which no share of the slope everywhere describes.
+        points = [*at_places(size, [at for at in residuals.predictor.dataset.points if (size.name, at) not in known])]
+        free_parameters += points
+        columns += slopes_of_places(residuals, fitted.parameter_set, unknown, points, EFFORT.secant)
     slopes = [np.column_stack(parts) for parts in zip(*columns, strict=True)]
     begin = Fit(
         fitted.parameter_set,

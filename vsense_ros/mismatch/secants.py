@@ -60,28 +60,11 @@ class Secants:
 
     def _simulate_places(self, points: Sequence[FreeParameter]) -> None:
         """Simulate secants by a size at each of these places at the base fit."""
-        for point, slopes in zip(points, self._slopes_of_places(self.base, points, EFFORT.secant), strict=True):
+        secants = slopes_of_places(self.residuals, self.start, self.base, points, EFFORT.secant, self._progress)
+        for point, slopes in zip(points, secants, strict=True):
             self._columns[point.name, point.form] = [
                 part / point.deviation if part.strides[0] else part for part in slopes
             ]
-
-    def _slopes_of_places(self, at: Fit, points: Sequence[FreeParameter], step: float) -> list[list[Slopes]]:
-        """Slopes by a size at each of these places, per deviation, by window: of those that are far from one another at
-        once, as a car has soon forgotten where it has been. What happens around a place is what the size there does."""
-        if not points:
-            return []
-        groups = [points[first :: EFFORT.places_apart] for first in range(min(EFFORT.places_apart, len(points)))]
-        windows, layout = self.residuals.predictor.dataset.windows, self.residuals.layout
-        passed = [np.tile(places(window), len(names)) for window, names in zip(windows, layout, strict=True)]
-        slopes: dict[str, list[Slopes]] = {}
-        secants = slopes_by(self.residuals, self.start, at, [joined(group) for group in groups], step)
-        for group, secant in zip(groups, secants, strict=True):
-            for point in group:
-                assert point.place is not None
-                near = [np.abs(way - point.place[1]) < EFFORT.places_apart / 2 * SPACING for way in passed]
-                slopes[point.name] = [_where(here, part) for here, part in zip(near, secant, strict=True)]
-            self._progress()
-        return [slopes[point.name] for point in points]
 
     def all_slopes_at(self, at: Fit) -> list[Slopes]:
         """Slopes (rows, k) by all k free parameters of a fit, near this fit, per deviation, by window."""
@@ -91,7 +74,8 @@ class Secants:
         for parameter, column in zip(known, slopes_by(self.residuals, self.start, at, known), strict=True):
             columns[parameter.name] = column
             self._progress()
-        columns |= {p.name: c for p, c in zip(points, self._slopes_of_places(at, points, SEARCH.secant), strict=True)}
+        at_places = slopes_of_places(self.residuals, self.start, at, points, SEARCH.secant, self._progress)
+        columns |= {point.name: column for point, column in zip(points, at_places, strict=True)}
         in_order = (columns[parameter.name] for parameter in at.free_parameters)
         return [np.column_stack(parts) for parts in zip(*in_order, strict=True)]
 
@@ -132,6 +116,28 @@ class Secants:
         deviations = np.array([parameter.deviation for parameter in free_parameters], np.float32)
         for parts in zip(*map(self.column, free_parameters), strict=True):
             yield np.column_stack(parts) * deviations
+
+
+def slopes_of_places(
+    residuals: Residuals, start: ParameterSet, at: Fit, points: Sequence[FreeParameter], step: float,
+    progress: Callable[[], None] = lambda: None,
+) -> list[list[Slopes]]:  # fmt: skip
+    """Slopes by a size at each of these places, per deviation, by window: of those that are far from one another at
+    once, as a car has soon forgotten where it has been. What happens around a place is what the size there does."""
+    if not points:
+        return []
+    groups = [points[first :: EFFORT.places_apart] for first in range(min(EFFORT.places_apart, len(points)))]
+    windows = residuals.predictor.dataset.windows
+    passed = [np.tile(places(window), len(names)) for window, names in zip(windows, residuals.layout, strict=True)]
+    slopes: dict[str, list[Slopes]] = {}
+    secants = slopes_by(residuals, start, at, [joined(group) for group in groups], step)
+    for group, secant in zip(groups, secants, strict=True):
+        for point in group:
+            assert point.place is not None
+            near = [np.abs(way - point.place[1]) < EFFORT.places_apart / 2 * SPACING for way in passed]
+            slopes[point.name] = [_where(here, part) for here, part in zip(near, secant, strict=True)]
+        progress()
+    return [slopes[point.name] for point in points]
 
 
 def _where(here: NDArray[np.bool_], part: Slopes) -> Slopes:
