@@ -15,6 +15,8 @@ from vsense_ros.mismatch.answer_schema import (
     BaseParameter,
     EffectEntry,
     Errors,
+    Likely,
+    LikelySize,
     Onset,
     ProfilePoint,
     SignalErrors,
@@ -28,6 +30,7 @@ from vsense_ros.mismatch.located import physics_in_words
 from vsense_ros.mismatch.picture import Trace
 from vsense_ros.mismatch.residuals import RESIDUALS, Residuals
 from vsense_ros.mismatch.road import ROAD_SETTINGS
+from vsense_ros.mismatch.search import Search
 from vsense_ros.mismatch.signals import grid
 from vsense_ros.mismatch.validation import Validation
 from vsense_ros.mismatch.verdict import Judged
@@ -116,6 +119,28 @@ def _lost(residuals: Residuals, after: Sequence[Array], without: ParameterSet) -
     except DivergedError:
         return 1.0
     return float(1 - cost(after) / max(before, 1e-12))
+
+
+def evidence(search: Search) -> tuple[Likely, ...]:
+    """What the evidence says of each effect."""
+    if (known := search.evidence) is None:
+        return ()
+    sets, chosen = known
+    posterior, probabilities = sets.of(chosen), sets.probabilities()
+    sizes: dict[str, list[LikelySize]] = {}
+    for i, size in enumerate(sets.sizes):
+        if not size.along and not size.plane:
+            likely = LikelySize(
+                name=size.name.rsplit(".", 1)[-1],
+                likeliest=float(posterior.unknowns[size.unknown]),
+                deviation=float(np.sqrt(posterior.covariance[size.unknown, size.unknown])),
+                prior=1.0 if i in chosen else size.little,
+            )
+            sizes.setdefault(size.effect, []).append(likely)
+    return tuple(
+        Likely(effect=id, probability=probabilities.get(id, 0.0), adds=search.adds.get(id), sizes=tuple(of))
+        for id, of in sizes.items()
+    )
 
 
 def effect_entries(judged: Judged, dataset: Dataset, validation: Validation) -> list[EffectEntry]:

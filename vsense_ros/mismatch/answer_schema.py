@@ -232,6 +232,29 @@ def places(of: EffectEntry | ActingPart) -> list[str]:
     return [place for place in (of.wheel, of.axle, of.sensor, of.axis, of.form) if place]
 
 
+class LikelySize(_Part):
+    """A size of an effect where the set of effects is likeliest, all other unknowns free."""
+
+    name: str = _field("Its name.")
+    likeliest: float = _field("Its likeliest value, over a typical one.", "-")
+    deviation: float = _field("Its standard deviation, over a typical value.", "-")
+    prior: float = _field("The same beforehand: 1 if it is in the set, and what every car has of it if not.", "-")
+
+
+class Likely(_Part):
+    """What the evidence says of an effect, before anything is proven."""
+
+    effect: str = _field("Id of the effect.")
+    probability: float = _field("Share of the evidence of all sets that those with the effect have.", "-")
+    adds: float | None = _field(
+        "What it explains of the squared error that the others of the likeliest set with it leave, in training or "
+        "where it was not fitted, whichever is less; absent of effects of no set that was proven without it.",
+        "-",
+        default=None,
+    )
+    sizes: tuple[LikelySize, ...] = _field("Its sizes.")
+
+
 class OutOfReach(_Part):
     """An effect of which these recordings say nothing."""
 
@@ -374,6 +397,9 @@ class Answer(_Part):
         "Driving that these recordings lack, which would help to distinguish what looks alike in them; empty where "
         "none is known.",
         default="",
+    )
+    evidence: tuple[Likely, ...] = _field(
+        "What the evidence says of each effect of the library; absent where none was computed.", default=()
     )
     fit: dict[str, SignalErrors] = _field("Errors by signal.")
     base: dict[str, BaseParameter] = _field("Base parameters by name.")

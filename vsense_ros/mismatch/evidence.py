@@ -27,6 +27,8 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
+from vsense_ros.mismatch.thresholds import THRESHOLDS
+
 Array = NDArray[np.float64]
 Chosen = frozenset[int]  # indices of sizes
 
@@ -46,7 +48,7 @@ class EvidenceSettings:
     # car, and once more of an effect beside one that is mistaken for it: how the surface bends where a car weaves is
     # known roughly, and looks like a sensor that is turned
     doubtful: float = 0.007
-    odds: float = 0.03  # [-] that a size is there
+    odds: float = THRESHOLDS.odds  # [-] that a size is there
     most: int = 8  # sizes in a set
     tried: int = 16  # of the changes of a set that promise most, computed in full
     reweighted: int = 20  # times at most

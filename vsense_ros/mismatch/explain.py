@@ -38,6 +38,7 @@ from vsense_ros.mismatch.data_quality import faults_in_words, faults_of, misfit,
 from vsense_ros.mismatch.design import NEXT
 from vsense_ros.mismatch.extension import extended
 from vsense_ros.mismatch.hypothesis import Hypothesis
+from vsense_ros.mismatch.judging import describing, judged_with_further, with_final_sizes
 from vsense_ros.mismatch.located import located, remainder
 from vsense_ros.mismatch.observed import comparison
 from vsense_ros.mismatch.onset import Onset, onset
@@ -46,7 +47,6 @@ from vsense_ros.mismatch.picture import Trace
 from vsense_ros.mismatch.remarks import ALONE, Evidence, remarks
 from vsense_ros.mismatch.residuals import Residuals
 from vsense_ros.mismatch.search import Search
-from vsense_ros.mismatch.search_settings import EFFORT
 from vsense_ros.mismatch.selection import most_telling
 from vsense_ros.mismatch.short_windows import Restarts
 from vsense_ros.mismatch.stand_ins import what_looks_alike
@@ -236,7 +236,7 @@ class _Explainer:
         unseen = self.unseen_restarts.near_the_car(unseen, search.base.parameter_set)
         validation = Validation(unseen, self.vehicle, search.residuals, search.base, self.progress)
         self._note_validation(search.residuals, validation)
-        judged, varying = _with_final_sizes(search, self._judged(search, hypotheses, validation), validation)
+        judged, varying = with_final_sizes(search, self._judged(search, hypotheses, validation), validation)
         leader = judged.leader
         if strange and (leader is None or misfit(leader.fit, search.residuals)):
             return self._refused(strange, search, judged, validation)
@@ -305,7 +305,7 @@ class _Explainer:
         threshold = self._threshold(search, validation)
         self.answer = self.answer.with_(threshold=threshold)
         if not self._assume:
-            return _judged_with_further(search, hypotheses, validation, threshold)
+            return judged_with_further(search, hypotheses, validation, threshold)
         judged = judge(hypotheses, (), validation, search.with_profile, threshold)
         if not hypotheses:
             return judged
@@ -326,11 +326,12 @@ class _Explainer:
             effects=effects,
             answer_set=entries.answer_set(judged, self.known),
             rivals=entries.rivals(judged, self.known),
+            evidence=entries.evidence(search),
             fit=entries.errors(residuals, base, shown, validation),
             base=entries.base_parameters(base, leader.fit if leader is not None else None),
             misfit=residuals.level(base.residuals),
             onset=entries.since(begins),
-            remainder=remainder(residuals, shown, judged, term or _describing(search, judged, validation), validation),
+            remainder=remainder(residuals, shown, judged, term or describing(search, judged, validation), validation),
         )
         self.answer = answer.with_(sentence=sentence(answer))
 
@@ -388,17 +389,6 @@ class _Explainer:
         return search, hypotheses
 
 
-def _describing(search: Search, judged: Judged, validation: Validation) -> Hypothesis | None:
-    """What describes best what is left over besides a partial answer, if that explains enough of it."""
-    if not judged.partial or judged.leader is None or judged.verdict != "named":
-        return None
-    known, least = validation.proven(judged.leader), THRESHOLDS.least_term_gain
-    best = max(search.described(judged.leader), key=validation.proven, default=None)
-    if best is None or validation.proven(best) - known < least * max(1 - known, search.least_whole):
-        return None
-    return best
-
-
 def _without_parameters(base: Fit) -> Fit:
     """The fit with no parameter free any longer."""
     slopes = [np.zeros((len(rows), 0), np.float32) for rows in base.residuals]
@@ -412,84 +402,6 @@ def _traces(search: Search, shown: Fit, validation: Validation) -> list[Trace]:
     if validation.residuals is not None:
         traces += entries.traces(validation.residuals, base, validation.comparisons.simulated(shown), True)
     return traces
-
-
-def _judged_with_further(
-    search: Search, proposed: list[Hypothesis], validation: Validation, threshold: float
-) -> Judged:
-    """The verdict on the sets that the evidence proposes; where it is not sure of them, on single effects and what
-    explains more with further ones as well; and on terms without known physics where something is left."""
-    prepare = validation.comparisons.prepare
-    prepare(proposed)
-    provable = list(filter(validation.comparisons.can_prove, proposed))
-    every = [*proposed, *search.reduced(provable, validation.proven, prepare)]
-    hypotheses = [
-        e for e in every if len(e.effects) == 1 or all(e.evident[id] >= THRESHOLDS.trusted for id in e.effects)
-    ] or every
-    described: list[Hypothesis] = []
-    judged = judge(hypotheses, described, validation, search.with_profile, threshold)
-    named = judged.verdict == "named" and not judged.partial
-    begin, rounds = [judged.leader] if named and judged.leader is not None else [], 1
-    if not named and (proposed or search.leaves_something(search.base)):
-        begin, rounds = search.single(), EFFORT.most_effects
-        prepare(begin)
-        hypotheses += begin
-    if begin and (not named or search.leaves_something(begin[0].fit)):
-        hypotheses += _with_further(search, begin, validation, threshold, rounds)
-        judged = judge(hypotheses, described, validation, search.with_profile, threshold)
-    if search.leaves_something(judged.leader.fit if judged.leader is not None else search.base):
-        described = search.described()
-        prepare(described)
-        judged = judge(hypotheses, described, validation, search.with_profile, threshold)
-    if judged.in_doubt:
-        joint = search.joint(judged.in_doubt)
-        prepare(joint)
-        judged = judge([*hypotheses, *joint], described, validation, search.with_profile, threshold)
-    return judged
-
-
-def _with_further(
-    search: Search,
-    begin: Sequence[Hypothesis],
-    validation: Validation,
-    threshold: float,
-    rounds: int = EFFORT.most_effects,
-) -> list[Hypothesis]:
-    """Hypotheses with one more effect than those to begin with, and so on for some `rounds`, as long as that promises
-    to explain more."""
-    least, unseen = max(threshold, THRESHOLDS.least_gain), bool(validation.recordings)
-    found: list[Hypothesis] = []
-    newest = list(begin)
-    for _ in range(rounds):
-        if not (newest := search.further(newest, least, validation.proven, unseen)):
-            break
-        validation.comparisons.prepare(newest)
-        found += newest
-    return found
-
-
-def _with_final_sizes(search: Search, judged: Judged, validation: Validation) -> tuple[Judged, str]:
-    """The verdict with the sizes of the leader fitted once more, hardly drawn to zero any longer, if it is then still
-    proven; or with another size at every place of the road, if that predicts better. If it does not predict better, but
-    brings the worst signal near a good model, also the name of that signal."""
-    if judged.leader is None:
-        return judged, ""
-    off = validation.unmended(judged.leader)
-    varied = search.with_profile(judged.leader) if off else None
-    unshrunk = search.fitting.unshrunk(judged.leader)
-    if validation.lasting(unshrunk) > 0:
-        judged = _led_by(judged, unshrunk, validation)
-    if varied is None or judged.leader is None:
-        return judged, ""
-    if validation.lasting(varied) > validation.lasting(judged.leader):
-        return _led_by(judged, varied, validation), ""
-    return judged, off
-
-
-def _led_by(judged: Judged, leader: Hypothesis, validation: Validation) -> Judged:
-    """The verdict with another fit of the leader, unless that one would make names doubtful which are not."""
-    led = judged.led_by(leader, validation)
-    return judged if set(led.doubted) > set(judged.doubted) else led
 
 
 def _all_of(id: str, library: Sequence[Candidate]) -> Candidate:

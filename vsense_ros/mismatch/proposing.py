@@ -21,6 +21,7 @@ from vsense_ros.mismatch.fitting import Fitting
 from vsense_ros.mismatch.hypothesis import Hypothesis
 from vsense_ros.mismatch.search_settings import EFFORT
 from vsense_ros.mismatch.secants import Secants
+from vsense_ros.mismatch.thresholds import THRESHOLDS
 from vsense_ros.model.effects import EVERY, Effect
 
 Array = NDArray[np.float64]
@@ -97,6 +98,7 @@ class Proposing:
         self.effects = {key_of(p): c.effect for c in self.offered for p in c.free_parameters}
         self.parameters = {key_of(p): p for c in self.offered for p in c.free_parameters}
         self._joint = {c.effect for c in self.offered if len(c.free_parameters) > 1}
+        self.evidence: tuple[SetEvidence, Chosen] | None = None  # where the likeliest set is likeliest, with that set
         self.level: dict[Hypothesis, Hypothesis] = {}  # with one size for all of the road, what it is with a profile
 
     def _profiles(self, offered: Sequence[Candidate]) -> list[Profile]:
@@ -108,20 +110,28 @@ class Proposing:
 
     def proposed(self) -> list[Hypothesis]:
         """The likeliest set, what is instead of each of its effects, the same with one size for all of the road where a
-        profile of it is in them, and the sets that were likeliest where the model was made linear before: one may be
-        further from the truth there than the other. None if nothing is likelier than something."""
+        profile of it is in them, and the same of where the model was made linear before: one may be further from the
+        truth there than the other. None if nothing is likelier than something."""
         at, columns = self.secants.base, self._columns_at_base()
         chosen: Chosen = frozenset()
-        before: dict[Chosen, tuple[Fit, Mapping[str, float]]] = {}
+        before: dict[tuple[Candidate, ...], tuple[Fit, Mapping[str, float]]] = {}
         rounds = max(1, min(EFFORT.rounds, int(EFFORT.linear_again / sum(self._durations))))
         for _ in range(rounds):
             evidence = self._evidence(at, columns)
             best = evidence.search(chosen)
-            at, same, chosen = self._moved(at, columns, evidence, best), best == chosen, best
+            self.evidence = evidence, best
+            probabilities = evidence.probabilities()
+            last, at = at, self._moved(at, columns, evidence, best)
+            same, chosen = best == chosen, best
             if same or not best:
                 break
+            if self._likelihood(evidence, at) <= self._likelihood(evidence, self.secants.base):
+                at = last  # slopes promise what no simulation keeps
+                break
+            for one in map(self._candidates, _instead(evidence, best, of_others=True)):
+                before.setdefault(one, (self._with(last, columns, one), probabilities))
             at = replace(at, slopes=self.secants.all_slopes_at(at), weight=prior_weight(at.residuals))
-            before[best] = at, evidence.probabilities()
+            before[self._candidates(best)] = at, probabilities
             columns = self._columns_at(at, columns, evidence)
         if not chosen:
             return []
@@ -130,12 +140,12 @@ class Proposing:
         varying = [one for one in sets if any(c.along_road for c in one)]
         level = [tuple(map(self._with_one_size, one)) for one in varying]
         joints = [(one, self._with(at, columns, one)) for one in (*sets, *level)]
-        fitted = self._fitted(joints, evidence.probabilities())
+        fitted = self._fitted(joints, probabilities)
         by_candidates = {hypothesis.candidates: hypothesis for hypothesis in fitted}
         self.level = {by_candidates[one]: by_candidates[other] for one, other in zip(level, varying, strict=True)}
-        for one, (where, probabilities) in before.items():
-            if (candidates := self._candidates(one)) not in by_candidates:
-                fitted += self._fitted([(candidates, where)], probabilities)
+        before.pop(sets[0], None)
+        for one, (where, earlier) in before.items():
+            fitted += self._fitted([(one, where)], earlier)
         return fitted
 
     def _with_one_size(self, candidate: Candidate) -> Candidate:
@@ -173,7 +183,7 @@ class Proposing:
         sizes = []
         for key, p in self.parameters.items():
             effect = self.effects[key]
-            little = EVIDENCE.form if p.form else EVERY.get(effect, Effect).little
+            little = EVIDENCE.form if p.form else THRESHOLDS.little_of(effect)
             if not p.form and p.name in usual:
                 little = max(little, usual[p.name] / p.deviation)
             low, high = p.low / p.deviation - EVIDENCE.settled, p.high / p.deviation + EVIDENCE.settled
@@ -305,19 +315,24 @@ class Proposing:
             tried.append(replace(before, offsets=offsets, parameter_set=parameter_set))
         self.residuals.prepare([one.parameter_set for one in tried[: self.residuals.at_once]])
         simulated = [replace(t, residuals=self.residuals(t.parameter_set, self.secants.base.residuals)) for t in tried]
-        return max(simulated, key=lambda one: evidence.likelihood(self._costs(one.residuals)))
+        return max(simulated, key=lambda one: self._likelihood(evidence, one))
 
-    def _costs(self, residuals: Sequence[Array]) -> Array:
-        """Sums of squares of each signal of each window."""
-        known = zip(residuals, self.residuals.layout, strict=True)
-        return np.concatenate([(r.reshape(len(names), -1) ** 2).sum(axis=1) for r, names in known if len(r)])
+    def _likelihood(self, evidence: SetEvidence, at: Fit) -> float:
+        """The logarithm of the likelihood of what a fit leaves in each signal of each window."""
+        known = zip(at.residuals, self.residuals.layout, strict=True)
+        costs = np.concatenate([(r.reshape(len(names), -1) ** 2).sum(axis=1) for r, names in known if len(r)])
+        return evidence.likelihood(costs)
 
 
-def _instead(evidence: SetEvidence, chosen: Chosen) -> list[Chosen]:
-    """The likeliest set with something else in place of each size of a set, where it is not far less likely."""
+def _instead(evidence: SetEvidence, chosen: Chosen, of_others: bool = False) -> list[Chosen]:
+    """The likeliest set with something else, or with an effect of the others, in place of each size of a set, where it
+    is not far less likely."""
     others: list[Chosen] = []
     for size in chosen:
         exchanged = [o for o in evidence.known if size not in o and len(o) == len(chosen) and len(o - chosen) == 1]
+        if of_others:
+            effects = {evidence.sizes[i].effect for i in chosen}
+            exchanged = [o for o in exchanged if all(evidence.sizes[i].effect not in effects for i in o - chosen)]
         best = max(exchanged, key=lambda other: evidence.of(other).evidence, default=None)
         if best is not None and evidence.of(best).evidence > evidence.of(chosen).evidence - EFFORT.least_likely:
             others.append(best)

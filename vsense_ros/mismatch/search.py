@@ -20,6 +20,7 @@ from vsense_ros.identification.least_squares import DivergedError, Fit, fit
 from vsense_ros.identification.parameter_set import ParameterSet
 from vsense_ros.mismatch.candidates import Candidate, terms
 from vsense_ros.mismatch.cross_validation import CrossValidation
+from vsense_ros.mismatch.evidence import Chosen, SetEvidence
 from vsense_ros.mismatch.fitting import Fitting
 from vsense_ros.mismatch.hypothesis import Hypothesis, Signature
 from vsense_ros.mismatch.proposing import Proposing
@@ -57,6 +58,8 @@ class Search:
         self.screening = Screening(self.secants, self.validation, self.whole, offered)
         self.fitting = Fitting(self.secants, self.validation, self.whole, progress)
         self._profiled: dict[Hypothesis, Hypothesis | None] = {}
+        self.evidence: tuple[SetEvidence, Chosen] | None = None  # with the likeliest set
+        self.adds: dict[str, float] = {}  # what effects of proposed sets explain of what the others leave, by id
         self._progress = progress
 
     @cached_property
@@ -87,6 +90,7 @@ class Search:
         """The set of effects that the evidence proposes, and what is instead of its parts; none if it finds nothing."""
         found = self._proposing.proposed()
         self._profiled |= self._proposing.level
+        self.evidence = self._proposing.evidence
         return found
 
     def reduced(
@@ -99,21 +103,24 @@ class Search:
         is not sure, or which hardly matter there, and each of these sets without any one of its parts. `proven` is what
         a hypothesis gains there, and `prepare` simulates several side by side."""
         found: list[Hypothesis] = []
-        best = max(provable, key=proven, default=None)
+        best = max(list(filter(is_trusted, provable)) or provable, key=proven, default=None)
         while best is not None and len(best.candidates) > 1:
             without = self._proposing.without_each(best)
             prepare(without)
             found += without
-            evident = best.evident
-            doubted = min(best.effects, key=evident.__getitem__)
+            for rest in without:
+                (out,) = set(best.effects) - set(rest.effects)
+                known = proven(rest)
+                self.adds[out] = (proven(best) - known) / max(1 - known, self.least_whole)
+            evident, adds = best.evident, self.adds
+            doubted, least = (min(best.effects, key=by.__getitem__) for by in (evident, adds))
             if evident[doubted] < THRESHOLDS.trusted:
-                best = next(e for e in without if doubted not in e.effects)
-                continue
-            rest = max(without, key=proven)
-            known = proven(rest)
-            if proven(best) - known > THRESHOLDS.evident_gain * max(1 - known, self.least_whole):
+                out = doubted
+            elif adds[least] <= THRESHOLDS.evident_gain:
+                out = least
+            else:
                 break
-            best = rest
+            best = next(e for e in without if out not in e.effects)
         return found
 
     @cached_property
@@ -254,6 +261,11 @@ class Search:
         """All candidates at once, without a search."""
         self.secants.simulate_new(candidates)
         return self.fitting.fitted([self.screening.signature(self.base, (), tuple(candidates))])
+
+
+def is_trusted(hypothesis: Hypothesis) -> bool:
+    """True if the evidence is sure of each effect of a hypothesis that it has proposed."""
+    return all(hypothesis.evident[effect] >= THRESHOLDS.trusted for effect in hypothesis.effects)
 
 
 def _of_both_layers(likeliest: Sequence[Promise]) -> list[Promise]:

@@ -53,6 +53,16 @@ class Thresholds:
     refused: float
     least_confidence: float
     size_error: float
+    odds: float
+    little: float
+    little_rolling_resistance: float
+    little_brake_drag: float
+    little_steering_compliance: float
+
+    def little_of(self, effect: str) -> float:
+        """What every car has of an effect, as a share of a typical size."""
+        own: float = getattr(self, f"little_{effect}", self.little)
+        return own
 
     def least_gain_on(self, driven: float) -> float:
         """Least gain of an effect on so much driving [s]: the less there is, the more of it chance explains."""

@@ -94,9 +94,6 @@ class Effect(Part):
     sentence: ClassVar[str]  # the physics in words, as the end of "the model leaves out …"
     known: ClassVar[bool] = True  # False: terms that describe, and explain nothing
     mistaken_for: ClassVar[tuple[str, ...]] = ()  # ids of effects that look alike
-    # Deviation of what every car has a little of, over the typical size. It is larger where small errors of form are
-    # mistaken for the effect: it is what cars with nothing hidden seem to have of it.
-    little: ClassVar[float] = 0.08
     # Other forms of the effect by the words for where it is, each with the values of its fields.
     variants: ClassVar[Mapping[str, Mapping[str, float]]] = MappingProxyType({})
     needs: ClassVar[tuple[str, ...]] = ()  # kinds of sensors without which nothing can be said of it

@@ -18,7 +18,6 @@ class BrakeDrag(Effect):
 
     id: ClassVar[str] = "brake_drag"
     sentence: ClassVar[str] = "a brake that does not release"
-    little: ClassVar[float] = 0.3
     mistaken_for: ClassVar[tuple[str, ...]] = ("rolling_resistance", "aero_drag", "road_grade")
 
     fl: float = size("N m", "torque against the rotation, front left", typical=40.0, low=0.0, high=2000.0)

@@ -13,7 +13,6 @@ class RollingResistance(Effect):
 
     id: ClassVar[str] = "rolling_resistance"
     sentence: ClassVar[str] = "rolling resistance in proportion to the wheel loads"
-    little: ClassVar[float] = 0.4
     mistaken_for: ClassVar[tuple[str, ...]] = ("aero_drag", "road_grade", "brake_drag")
     needs: ClassVar[tuple[str, ...]] = ("wheel_torques",)
 

@@ -22,7 +22,6 @@ class SteeringCompliance(Effect):
 
     id: ClassVar[str] = "steering_compliance"
     sentence: ClassVar[str] = "a steering system that yields to the lateral force of the front tyres"
-    little: ClassVar[float] = 0.3
     mistaken_for: ClassVar[tuple[str, ...]] = ("toe_compliance", "roll_steer", "aero_downforce", "steering_ratio")
     internal_state: ClassVar[tuple[str, ...]] = ("front_lateral_force",)
 

@@ -1,0 +1,117 @@
+"""From proposed sets of effects to a verdict: what is fitted besides depends on what the verdict is not sure of."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+
+from vsense_ros.mismatch.hypothesis import Hypothesis
+from vsense_ros.mismatch.search import Search, is_trusted
+from vsense_ros.mismatch.search_settings import EFFORT
+from vsense_ros.mismatch.thresholds import THRESHOLDS
+from vsense_ros.mismatch.validation import Validation
+from vsense_ros.mismatch.verdict import Judged, judge
+
+
+def judged_with_further(search: Search, proposed: list[Hypothesis], validation: Validation, threshold: float) -> Judged:
+    """The verdict on the sets that the evidence proposes; where it is not sure of them, on single effects and what
+    explains more with further ones as well; and on terms without known physics where something is left."""
+    prepare = validation.comparisons.prepare
+    prepare(proposed)
+    provable = list(filter(validation.comparisons.can_prove, proposed))
+    least = max(threshold, THRESHOLDS.least_gain)
+    promising = [e for e in provable if validation.proven(e) > least]
+    every = [*proposed, *search.reduced(promising, validation.proven, prepare)]
+    likely = [e for e in every if len(e.effects) == 1 or is_trusted(e)]
+    doubtful = [e for e in provable if not is_trusted(e)]
+    hypotheses = [*likely, *_as_good(doubtful, likely, validation.proven)] or every
+    described: list[Hypothesis] = []
+    judged = judge(hypotheses, described, validation, search.with_profile, threshold)
+    named = judged.verdict == "named" and not judged.partial
+    begin, rounds = [judged.leader] if named and judged.leader is not None else [], 1
+    if not named and (promising or validation.something_unexplained()):
+        begin, rounds = search.single(), EFFORT.most_effects
+        prepare(begin)
+        hypotheses += begin
+    if begin and (not named or search.leaves_something(begin[0].fit)):
+        hypotheses += _with_further(search, begin, validation, threshold, rounds)
+        judged = judge(hypotheses, described, validation, search.with_profile, threshold)
+    if search.leaves_something(judged.leader.fit if judged.leader is not None else search.base):
+        described = search.described()
+        prepare(described)
+        judged = judge(hypotheses, described, validation, search.with_profile, threshold)
+    if judged.in_doubt:
+        joint = search.joint(judged.in_doubt)
+        prepare(joint)
+        judged = judge([*hypotheses, *joint], described, validation, search.with_profile, threshold)
+    return judged
+
+
+def _as_good(
+    doubtful: Sequence[Hypothesis], likely: Sequence[Hypothesis], proven: Callable[[Hypothesis], float]
+) -> list[Hypothesis]:
+    """Those of the doubtful sets that prove as much as a likely one in which one effect is another, and not so much
+    more that the two would be no rivals: slopes say that they are unlikely, and the fit does not."""
+
+    def rival(e: Hypothesis, one: Hypothesis) -> bool:
+        shared = set(e.effects) & set(one.effects)
+        if not len(shared) + 1 == len(e.effects) == len(one.effects) or proven(e) < proven(one):
+            return False
+        known = max((proven(rest) for rest in likely if set(rest.effects) == shared), default=0.0)
+        return proven(one) - known >= THRESHOLDS.rival_share * (proven(e) - known)
+
+    return [e for e in doubtful if any(rival(e, one) for one in likely)]
+
+
+def _with_further(
+    search: Search,
+    begin: Sequence[Hypothesis],
+    validation: Validation,
+    threshold: float,
+    rounds: int = EFFORT.most_effects,
+) -> list[Hypothesis]:
+    """Hypotheses with one more effect than those to begin with, and so on for some `rounds`, as long as that promises
+    to explain more."""
+    least, unseen = max(threshold, THRESHOLDS.least_gain), bool(validation.recordings)
+    found: list[Hypothesis] = []
+    newest = list(begin)
+    for _ in range(rounds):
+        if not (newest := search.further(newest, least, validation.proven, unseen)):
+            break
+        validation.comparisons.prepare(newest)
+        found += newest
+    return found
+
+
+def with_final_sizes(search: Search, judged: Judged, validation: Validation) -> tuple[Judged, str]:
+    """The verdict with the sizes of the leader fitted once more, hardly drawn to zero any longer, if it is then still
+    proven; or with another size at every place of the road, if that predicts better. If it does not predict better, but
+    brings the worst signal near a good model, also the name of that signal."""
+    if judged.leader is None:
+        return judged, ""
+    off = validation.unmended(judged.leader)
+    varied = search.with_profile(judged.leader) if off else None
+    unshrunk = search.fitting.unshrunk(judged.leader)
+    if validation.lasting(unshrunk) > 0:
+        judged = _led_by(judged, unshrunk, validation)
+    if varied is None or judged.leader is None:
+        return judged, ""
+    if validation.lasting(varied) > validation.lasting(judged.leader):
+        return _led_by(judged, varied, validation), ""
+    return judged, off
+
+
+def _led_by(judged: Judged, leader: Hypothesis, validation: Validation) -> Judged:
+    """The verdict with another fit of the leader, unless that one would make names doubtful which are not."""
+    led = judged.led_by(leader, validation)
+    return judged if set(led.doubted) > set(judged.doubted) else led
+
+
+def describing(search: Search, judged: Judged, validation: Validation) -> Hypothesis | None:
+    """What describes best what is left over besides a partial answer, if that explains enough of it."""
+    if not judged.partial or judged.leader is None or judged.verdict != "named":
+        return None
+    known, least = validation.proven(judged.leader), THRESHOLDS.least_term_gain
+    best = max(search.described(judged.leader), key=validation.proven, default=None)
+    if best is None or validation.proven(best) - known < least * max(1 - known, search.least_whole):
+        return None
+    return best
