@@ -19,7 +19,7 @@ from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
 from rich.table import Table
 
-from blind import cases, observing, oracle, picture, reading, score, tool, vehicle_file
+from blind import cases, evidence, observing, oracle, picture, reading, score, tool, vehicle_file
 from blind.effects import EFFECTS
 from blind.generate import FINISHED, batches, generate, seconds
 from vsense_ros.errors import InputError
@@ -343,14 +343,22 @@ def _print_confusion(table: dict[str, dict[str, int]]) -> None:
 
 
 def _print_reliability(bins: list[dict]) -> None:
-    table = Table("confidence", "told", "there", "95 %", "n", title="how reliable a confidence is")
+    table = Table("confidence", "stated", "there", "95 %", "n", title="how reliable a confidence is")
     for each in bins:
         right = each["right"]
         table.add_row(
-            f"{each['from']:.2f} … {each['to']:.2f}", _shown(each["told"]), _shown(right["value"]),
+            f"{each['from']:.2f} … {each['to']:.2f}", _shown(each["stated"]), _shown(right["value"]),
             f"{right['low']:.2f} … {right['high']:.2f}", str(right["n"]),
         )  # fmt: skip
     CONSOLE.print(table)
+
+
+def _table_of(curve: evidence.Curve) -> Table:
+    """What a number was chosen by."""
+    table = Table(curve.name, curve.criterion, title=curve.source)
+    for value, criterion in zip(curve.values, curve.found, strict=True):
+        table.add_row(f"{value:g}" + (" *" if value == curve.best else ""), f"{criterion:.3f}")
+    return table
 
 
 def _check_seal(options: dict) -> None:
@@ -374,14 +382,17 @@ def calibrate(options: dict, file: Path) -> None:
     the lead of its gain, and how often an effect is there that was refused. Tell how far off its sizes are, too."""
     _check_seal(options)
     results = _results(options, None)
-    leads, right, told = score.leads(results)
-    if not told.any():
+    leads, right, stated = score.leads(results)
+    if not stated.any():
         raise click.ClickException("no answer has a name to calibrate with; `python -m blind run` gives answers")
-    found = score.calibrated(leads, right, told, options["split"])
+    curves = evidence.curves(results, options["split"])
+    found = {**score.calibrated(leads, right, stated, options["split"]), **evidence.found(curves)}
     thresholds.write(found, file)
     for name, (value, source) in found.items():
         CONSOLE.print(f"{name} {value:g}: {source}")
     CONSOLE.print(f"written to {file}")
+    for curve in curves:
+        CONSOLE.print(_table_of(curve))
     errors = score.relative_errors(results)
     if len(errors):
         half, most = np.quantile(errors, [0.5, 0.9])

@@ -18,7 +18,7 @@ from blind.oracle import DETECTABLE, Best
 from blind.tool import Answer
 from vsense_ros.mismatch.answer_schema import EffectEntry
 
-CONFIDENCES = (0.0, 0.05, 0.2, 0.4, 0.6, 0.8, 1.01)  # bins of what is told
+CONFIDENCES = (0.0, 0.05, 0.2, 0.4, 0.6, 0.8, 1.01)  # bins of what is stated
 QUIET = ("no_mismatch", "not_assessable")
 SEVERAL = "several"  # kind of case, and name of the set that these are
 
@@ -47,7 +47,7 @@ class Result:
 
     @property
     def right(self) -> set[str]:
-        """Names that are not wrong: the hidden, and what cannot be told from them."""
+        """Names that are not wrong: the hidden, and what cannot be distinguished from them."""
         return self.truth | set(self.label["acceptable"])
 
     @property
@@ -106,8 +106,8 @@ def number(values: Iterable[float], what=median) -> dict:
     return {"value": float(what(values)) if values else None, "n": len(values)}
 
 
-def rightly_told(result: Result) -> tuple[EffectEntry, dict[str, float]] | None:
-    """The effect that is told first and what its parameters should be; None where it is not the hidden one."""
+def rightly_named(result: Result) -> tuple[EffectEntry, dict[str, float]] | None:
+    """The effect that is stated first and what its parameters should be; None where it is not the hidden one."""
     hidden = result.label["hidden"][0]
     if result.ranked[:1] != [hidden["id"]]:
         return None
@@ -116,10 +116,10 @@ def rightly_told(result: Result) -> tuple[EffectEntry, dict[str, float]] | None:
 
 def parameter_error(result: Result) -> float | None:
     """Relative error of the estimated parameters of a rightly named effect, over the comparable ones."""
-    told = rightly_told(result)
-    if told is None or not told[1]:
+    stated = rightly_named(result)
+    if stated is None or not stated[1]:
         return None
-    return _off(*told)
+    return _off(*stated)
 
 
 def said_rightly(result: Result) -> list[tuple[EffectEntry, dict]]:
@@ -145,9 +145,9 @@ def places_right(result: Result) -> list[bool]:
     """For each rightly named of several effects that has one place: True if wheel, axle, sensor or axis is right."""
     found = []
     for entry, label in said_rightly(result):
-        told = reading.parameters(entry)
-        if label["where"] and len(label["parameters"]) == 1 and told:
-            found.append(max(told, key=lambda name: abs(told[name])) in label["parameters"])
+        stated = reading.parameters(entry)
+        if label["where"] and len(label["parameters"]) == 1 and stated:
+            found.append(max(stated, key=lambda name: abs(stated[name])) in label["parameters"])
     return found
 
 
@@ -185,10 +185,10 @@ def _cpu_per_100_s(results: list[Result]) -> Iterable[float]:
 
 def intervals_hold(result: Result) -> list[bool]:
     """For each comparable parameter of a rightly named effect: true if it lies in the reported 90 % interval."""
-    told = rightly_told(result)
-    if told is None:
+    stated = rightly_named(result)
+    if stated is None:
         return []
-    effect, expected = told
+    effect, expected = stated
     limits = reading.intervals(effect)
     return [limits[name][0] <= value <= limits[name][1] for name, value in expected.items() if name in limits]
 
@@ -277,7 +277,7 @@ def shuffled(results: list[Result], seed: int = 0) -> list[Result]:
 def leads(results: list[Result]) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """For every single effect that was fitted: its gain over the best other or the smallest that counts, whether
     it is there, and whether the answer has it. Cases with several effects are left out."""
-    found, right, told = [], [], []
+    found, right, stated = [], [], []
     for r in results:
         if r.kind not in ("effect", "nothing", "outside"):
             continue
@@ -286,20 +286,20 @@ def leads(results: list[Result]) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
             others = [other for one, other in gains.items() if one != name]
             found.append(max(gain, 1e-3) / max([DETECTABLE, *others]))
             right.append(name in r.truth)
-            told.append(name in r.answer_set)
-    return np.array(found), np.array(right, bool), np.array(told, bool)
+            stated.append(name in r.answer_set)
+    return np.array(found), np.array(right, bool), np.array(stated, bool)
 
 
 def reliability(results: list[Result]) -> list[dict]:
-    """How often effects are there that are told with about the same confidence, by bins of it that are not empty: of
+    """How often effects are there that are stated with about the same confidence, by bins of it that are not empty: of
     all cases, every effect that was fitted and has a confidence."""
     pairs, found = _stated(results), []
     for low, high in pairwise(CONFIDENCES):
-        inside = [(told, right) for told, right in pairs if low <= told < high]
+        inside = [(stated, right) for stated, right in pairs if low <= stated < high]
         if inside:
-            mean = float(np.mean([told for told, _ in inside]))
+            mean = float(np.mean([stated for stated, _ in inside]))
             found.append(
-                {"from": low, "to": min(high, 1.0), "told": mean, "right": share(right for _, right in inside)}
+                {"from": low, "to": min(high, 1.0), "stated": mean, "right": share(right for _, right in inside)}
             )
     return found
 
@@ -320,9 +320,9 @@ def relative_errors(results: list[Result]) -> np.ndarray:
     found = []
     for r in results:
         if r.kind == "effect" and r.detectable:
-            effect, expected = rightly_told(r) or (None, {})
-            told = reading.parameters(effect) if effect else {}
-            found += [abs(1 - value / told[name]) for name, value in expected.items() if told.get(name)]
+            effect, expected = rightly_named(r) or (None, {})
+            stated = reading.parameters(effect) if effect else {}
+            found += [abs(1 - value / stated[name]) for name, value in expected.items() if stated.get(name)]
     return np.array(found)
 
 
@@ -340,17 +340,17 @@ def trust(leads: np.ndarray, right: np.ndarray) -> tuple[float, float]:
     return float(1 / (1 + np.exp(-clear))), float(slope)
 
 
-def calibrated(leads: np.ndarray, right: np.ndarray, told: np.ndarray, split: str) -> dict[str, tuple[float, str]]:
+def calibrated(leads: np.ndarray, right: np.ndarray, stated: np.ndarray, split: str) -> dict[str, tuple[float, str]]:
     """Thresholds of the tool that follow from its answers, by name, each with the data it came from. The arguments are
     those that `leads` gives, of the cases of a split."""
-    trusted, by_lead = trust(leads[told], right[told])
-    names = f"{split} split, {told.sum()} names of which {(right & told).sum()} are right"
+    trusted, by_lead = trust(leads[stated], right[stated])
+    names = f"{split} split, {stated.sum()} names of which {(right & stated).sum()} are right"
     found = {"trusted": (round(trusted, 2), names), "by_lead": (round(by_lead, 1), names)}
-    if (~told).any():
+    if (~stated).any():
         refused = (
-            f"{split} split, {(~told).sum()} effects that were refused, of which {(right & ~told).sum()} are there"
+            f"{split} split, {(~stated).sum()} effects that were refused, of which {(right & ~stated).sum()} are there"
         )
-        found["refused"] = (round(float(np.mean(right[~told])), 2), refused)
+        found["refused"] = (round(float(np.mean(right[~stated])), 2), refused)
     return {name: (value, f"{source}, by `python -m blind calibrate`") for name, (value, source) in found.items()}
 
 

@@ -223,18 +223,18 @@ def test_the_observer_counts_where_something_is_named_and_it_was_run(tmp_path):
 
 
 def test_a_confidence_is_reliable_where_as_many_are_there_as_it_says(tmp_path):
-    def told(confidence: float, hidden: bool) -> Result:
+    def stated(confidence: float, hidden: bool) -> Result:
         result = _result(["gyro_bias" if hidden else "aero_drag"], "named", ["gyro_bias"])
         entry = effect("gyro_bias", 0.5, confidence=confidence, accepted=True)
         return replace(result, answer=Answer(finding("named", effects=[entry]), 1.0))
 
-    results = [*(told(0.7, i < 7) for i in range(10)), *(told(0.1, i < 1) for i in range(10))]
+    results = [*(stated(0.7, i < 7) for i in range(10)), *(stated(0.1, i < 1) for i in range(10))]
     bins = score.reliability(results)
     assert score.brier(results) == pytest.approx((0.7 * 0.3 + 0.1 * 0.9) / 2)  # a variance where it is reliable
-    assert [(each["told"], each["right"]["value"], each["right"]["n"]) for each in bins] == [
+    assert [(each["stated"], each["right"]["value"], each["right"]["n"]) for each in bins] == [
         (pytest.approx(0.1), 0.1, 10), (pytest.approx(0.7), 0.7, 10),
     ]  # fmt: skip
-    assert "confidence that is told" in picture.reliability(bins, tmp_path / "drawn.svg").read_text(encoding="utf-8")
+    assert "confidence that is stated" in picture.reliability(bins, tmp_path / "drawn.svg").read_text(encoding="utf-8")
 
 
 def test_cases_with_several_defects_are_scored_by_themselves():
@@ -247,14 +247,14 @@ def test_intervals_hold_where_the_hidden_size_lies_in_them():
     result = _result(["brake_drag"], "named", ["brake_drag"])
     result.label["hidden"][0]["parameters"] = {"rl": 60.0}
 
-    def told(*interval: float) -> Result:
+    def stated(*interval: float) -> Result:
         torque = {"name": "torque", "unit": "N m", "value": 50.0, "interval_90": interval}
         explain = finding("named", effects=[effect("brake_drag", 0.5, wheel="rl", parameters=[torque])])
         return replace(result, answer=Answer(explain, 1.0))
 
-    assert score.intervals_hold(told(41.0, 59.0)) == [False]
-    assert score.intervals_hold(told(40.0, 61.0)) == [True]
-    assert score.relative_errors([told(40.0, 61.0)]) == pytest.approx([0.2])
+    assert score.intervals_hold(stated(41.0, 59.0)) == [False]
+    assert score.intervals_hold(stated(40.0, 61.0)) == [True]
+    assert score.relative_errors([stated(40.0, 61.0)]) == pytest.approx([0.2])
 
 
 def test_recovery_is_what_was_gained_of_what_could_be_gained():
@@ -360,9 +360,9 @@ def test_trust_finds_again_how_often_clear_and_narrow_leads_are_right():
 def test_what_calibration_finds_is_written_with_the_number_of_names_it_came_from(tmp_path):
     file = tmp_path / "thresholds.yaml"
     shutil.copy(thresholds.FILE, file)
-    told = np.arange(200) < 100
-    right = np.where(told, np.arange(200) % 10 > 0, np.arange(200) % 20 == 0)  # nine in ten, and one in twenty
-    found = score.calibrated(np.full(200, 50.0), right, told, "public")
+    stated = np.arange(200) < 100
+    right = np.where(stated, np.arange(200) % 10 > 0, np.arange(200) % 20 == 0)  # nine in ten, and one in twenty
+    found = score.calibrated(np.full(200, 50.0), right, stated, "public")
     thresholds.write(found, file)
     written = thresholds.read(file)
     assert (written.trusted, written.refused) == (pytest.approx(0.9, abs=0.02), 0.05)
@@ -453,7 +453,7 @@ def test_a_kind_or_set_that_is_not_there_is_told_with_those_that_are(option, the
 
 @pytest.mark.exam
 def test_untold_cases_have_the_recordings_and_labels_of_those_they_come_from(tmp_path):
-    source, quiet = tmp_path / "told" / "public", tmp_path / "quiet" / "public"
+    source, quiet = tmp_path / "stated" / "public", tmp_path / "quiet" / "public"
     every = cases.all_cases("public")
     case = source / "cases" / every[0].number
     for name in ("train", "held_out"):
@@ -464,7 +464,7 @@ def test_untold_cases_have_the_recordings_and_labels_of_those_they_come_from(tmp
     )
     (source / "labels" / "oracle").mkdir(parents=True)
     (source / "labels" / "labels.json").write_text(cases.labels_text(every), encoding="utf-8")
-    words = ["--out", str(tmp_path / "told"), "untold", "wheel_torques", "--to", str(tmp_path / "quiet")]
+    words = ["--out", str(tmp_path / "stated"), "untold", "wheel_torques", "--to", str(tmp_path / "quiet")]
     result = CliRunner().invoke(main, words, catch_exceptions=False)
     assert "1 cases without wheel_torques" in result.output
     view = quiet / "cases" / every[0].number
