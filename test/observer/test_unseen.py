@@ -17,7 +17,7 @@ from vsense_ros.model.coordinates import YAW
 from vsense_ros.model.schema.observer_settings import UnseenErrors
 from vsense_ros.model.vehicle import Vehicle
 from vsense_ros.observer.estimate import Estimate
-from vsense_ros.observer.unseen import add_tilt, turned
+from vsense_ros.observer.unseen import add_drift, add_tilt, turned
 from vsense_ros.runner import Runner
 
 NONE = UnseenErrors(rear_axle_direction=0.0, rear_slip=0.0, timing=0.0, yaw_rate=0.0, position_share=0.0, crossfall=0.0)
@@ -68,6 +68,14 @@ def test_pitch_is_doubted_after_a_bend_as_in_it() -> None:
     assert within == pytest.approx((0.3 / GRAVITY * 0.3) ** 2)  # a roll of 0.3 / g, turned by 0.3 rad in 20 m
     assert pitch_variance(0.0, 0.3 / 20.0) == pytest.approx(within)
     assert pitch_variance(0.0, 0.0) == 0.0
+
+
+def test_rear_tyres_may_slip_by_what_passed_for_a_bias_across_the_car() -> None:
+    pose, twist = np.zeros((6, 6)), np.zeros((6, 6))
+    motion = SimpleNamespace(velocity=np.array([20.0, 0.0, 0.0]))
+    add_drift(pose, twist, motion, np.array([9.0, 0.5**2]), 0.006)  # type: ignore[arg-type]
+    assert pose[5, 5] == pytest.approx(0.003**2)  # 0.5 m/s² that no tyre holds
+    assert twist[1, 1] == pytest.approx((0.003 * 20.0) ** 2)
 
 
 @given(st.integers(0, 2**32 - 1))

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
@@ -17,6 +18,7 @@ from vsense_ros.codegen import Kernel
 from vsense_ros.model.car.car import Car, car_of
 from vsense_ros.model.car.steps import compiled_wheel_forces, model_functions, sensor_functions
 from vsense_ros.model.coordinates import COORDINATES, INPUTS, ROAD, SPIN
+from vsense_ros.model.handling.base import car_numbers, rear_slip
 from vsense_ros.model.sensors import SensorBase
 from vsense_ros.model.vehicle import Vehicle
 from vsense_ros.observer.state import (
@@ -96,6 +98,11 @@ class CarMemory:
         self._bind(self.car, sensors)
         self.largest = largest_state(self.layout.size)
         self._processes: dict[int, Array] = {}
+
+    @cached_property
+    def rear_slip(self) -> float:
+        """Slip angle of the rear axle per lateral acceleration [rad s²/m]."""
+        return rear_slip(car_numbers(self.vehicle))
 
     def _allocate(self, extra: int) -> None:
         n = self.layout.size

@@ -38,7 +38,7 @@ from vsense_ros.observer.car_blocks import CarBlocks, accelerations_by_error, wh
 from vsense_ros.observer.error_ekf import CarFilter
 from vsense_ros.observer.observable import undetermined
 from vsense_ros.observer.state import DISTURB, DYNAMIC, FORCE, TWIST
-from vsense_ros.observer.unseen import add_tilt, add_unseen, outer, unlikely_bias
+from vsense_ros.observer.unseen import add_drift, add_tilt, add_unseen, outer, unlikely_bias
 
 Array = NDArray[np.float64]
 
@@ -193,6 +193,7 @@ class Estimate:
         car = self.car
         added = unlikely_bias(self.state, car.sensor_list, car.layout.biases, car.prior.deviation)
         add_tilt(pose, self, added, self.vehicle.observer.surroundings.change_length, self.bend)
+        add_drift(pose, twist, self, added, car.rear_slip)
         twist[..., range(6), range(6)] += self.undecided[..., :6]
         pose[..., _PLACE, _PLACE] += self.undecided[..., 6:7]
         ahead = np.stack([np.cos(self.state[..., YAW]), np.sin(self.state[..., YAW])], axis=-1)

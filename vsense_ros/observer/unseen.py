@@ -14,7 +14,7 @@ shows it (a "considered" parameter, Schmidt 1966). Seven of them are in every ca
    by as much feels the same.
 6. *How far the rear axle slips.* Load and stiffness of its tyres are known to a tenth, and the angle with them.
 7. *What passed for a bias.* An accelerometer feels a slope and a bias alike; a bias that is far beyond what the file
-   expects may be a road's.
+   expects may be a road's. Across the car tyres hold it on a slope, and slip by as much.
 
 They are added to what is published alone: the filter itself, and with it every estimate, stays as it is.
 """
@@ -119,6 +119,15 @@ def add_tilt(pose: Array, motion: Motion, bias: Array, change_length: float, ben
     pitch, roll = bias[..., 0] / GRAVITY**2, bias[..., 1] / GRAVITY**2
     pose[..., _ROLL, _ROLL] += roll + turned_by * pitch
     pose[..., _PITCH, _PITCH] += pitch + turned_by * roll
+
+
+def add_drift(pose: Array, twist: Array, motion: Motion, bias: Array, rear_slip: float) -> None:
+    """Add to the covariances (…, 6, 6) of position and attitude, of velocity and rates that the rear tyres may slip by
+    what passed for a bias across the car, as `unlikely_bias` has it (…, 2): a force that a slope takes up is no force
+    of tyres. They slip by `rear_slip` per acceleration [rad s²/m]."""
+    angle = rear_slip**2 * bias[..., 1]
+    twist[..., _LATERAL, _LATERAL] += angle * motion.velocity[..., 0] ** 2
+    pose[..., _YAW, _YAW] += angle
 
 
 def outer(vectors: Array) -> Array:

@@ -30,7 +30,7 @@ from numpy.typing import NDArray
 
 from vsense_ros.checks.lags import lag_curve, refined
 from vsense_ros.estimation.timeline import Event
-from vsense_ros.model.handling.base import car_numbers
+from vsense_ros.model.handling.base import car_numbers, rear_slip
 from vsense_ros.model.sensors import SensorBase, place_of
 from vsense_ros.model.vehicle import Vehicle
 from vsense_ros.runner.lag_doubt import GAIN, TURN, LagDoubt
@@ -236,18 +236,13 @@ class Latencies:
             return _table(times, turning, _middle_of_four(speeds))
         if index == self._course:
             speed = np.hypot(values[:, 0], values[:, 1])
-            later = self._ahead / np.maximum(speed, LATENCY.slowest) - self._rear_slip() * speed
+            later = self._ahead / np.maximum(speed, LATENCY.slowest) - rear_slip(self._car) * speed
             course = np.where(speed > LATENCY.slowest, np.arctan2(values[:, 1], values[:, 0]), np.nan)
             return _table(times, course, speed, later)
         speed = self._speed_at(times)
         gain, delay = self._single_track(np.maximum(speed, LATENCY.slowest))
         turning = np.where(speed > LATENCY.slowest, gain * values[:, 0], np.nan)
         return _table(times, turning, 0.0, delay)
-
-    def _rear_slip(self) -> float:
-        """Slip angle of the rear axle per lateral acceleration [rad s²/m]."""
-        car = self._car
-        return car["mass"] * car["to_front"] / (car["to_front"] + car["to_rear"]) / car["rear_stiffness"]
 
     def _speed_at(self, times: Array) -> Array:
         """Speed of the car at times [s], by wheels or GNSS; NaN where neither is heard."""

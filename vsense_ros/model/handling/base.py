@@ -209,6 +209,12 @@ def car_numbers(vehicle: Vehicle) -> dict[str, float]:
     return values
 
 
+def rear_slip(car: Mapping[str, float]) -> float:
+    """Slip angle of the rear axle per lateral acceleration [rad s²/m], of numbers as `car_numbers` has them."""
+    share = car["to_front"] / (car["to_front"] + car["to_rear"])
+    return car["mass"] * share / car["rear_stiffness"]
+
+
 def _axle_index(place: str) -> int:
     """0 for the front axle or one of its wheels, 1 for the rear."""
     return 0 if place in ("front", *WHEELS[:2]) else 1
