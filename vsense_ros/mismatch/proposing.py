@@ -125,9 +125,6 @@ class Proposing:
             same, chosen = best == chosen, best
             if same or not best:
                 break
-            if self._likelihood(evidence, at) <= self._likelihood(evidence, self.secants.base):
-                at = last  # slopes promise what no simulation keeps
-                break
             for one in map(self._candidates, _instead(evidence, best, of_others=True)):
                 before.setdefault(one, (self._with(last, columns, one), probabilities))
             at = replace(at, slopes=self.secants.all_slopes_at(at), weight=prior_weight(at.residuals))
