@@ -212,8 +212,8 @@ class Reader:
         if self._offsets is not None:
             value -= self._offsets
         variance, is_number = self._believed(stated.tobytes())
-        # A sum of Python's numbers finds anything unusual, NaN included; looking closer costs ten times as much.
-        if not (is_number is None and sum(map(abs, value.tolist())) < _LARGEST_VALUE):
+        # The sum of squares finds anything unusual, NaN included; looking closer costs ten times as much.
+        if not (is_number is None and value.dot(value) < _LARGEST_VALUE**2):
             with np.errstate(invalid="ignore"):
                 known = np.abs(value) < _LARGEST_VALUE
             if is_number is not None:

@@ -45,10 +45,10 @@ class Balance:
         able = [name for name, sensor in sensors.items() if "rates and forces" in sensor.measures]
         self._tows, self._forces_determined = vehicle.physics.trailer is not None, forces_determined
         self.sensor = able[0] if able and not self._tows else None
-        self._index = -1
+        self.index = -1
         self._car = CarBalance(vehicle.physics)
         if self.sensor is not None:
-            self._index = list(sensors).index(self.sensor)
+            self.index = list(sensors).index(self.sensor)
             mounting = sensors[self.sensor].mounting()
             self._arm = mounting[:3]
             self._by_turning = np.cross(self._arm, np.eye(3)).T  # r × ω̇
@@ -73,11 +73,11 @@ class Balance:
 
     def measured(self, event: Event) -> None:
         """A reading of any sensor, of which the newest of the inertial one counts."""
-        if event.sensor != self._index or (self._value is not None and event.stamp < self._heard):
+        if event.sensor != self.index or (self._value is not None and event.stamp < self._heard):
             return
         silent = self._value is None or event.stamp - self._heard > LONGEST_GAP * 1e9
         if self._complete and not silent and isfinite(event.value.dot(event.value)):
-            self._heard, self._value = event.stamp, event.value.copy()
+            self._heard, self._value = event.stamp, event.value  # which nobody changes in place
             return
         present = np.isfinite(event.value)
         same = present.tobytes() == self._has.tobytes()  # far quicker than a comparison of six elements
@@ -193,7 +193,7 @@ class Balance:
         newest = self._newest
         if newest is None:
             return np.zeros(6)
-        covariance, first = newest.acceleration_covariance.copy(), newest.car.layout.biases[self._index].start
+        covariance, first = newest.acceleration_covariance.copy(), newest.car.layout.biases[self.index].start
         biases = slice(first + FORCES.start, first + FORCES.stop)
         covariance[:3, :3] += self._to_car @ newest.covariance[biases, biases] @ self._to_car.T
         covariance[:3, :3] += np.diag(self._noise) / (1 - exp(-self._since / MEMORY))

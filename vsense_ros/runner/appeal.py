@@ -43,8 +43,11 @@ class Appeals:
                     yield axes, axis, out
 
     def due(self, now: int) -> bool:
-        """True if an axis may appeal at a time [ns]."""
-        return any(axes.out for axes in self._axes.values()) and any(True for _ in self._waiting(now))
+        """True if an axis may appeal at a time [ns]. It is asked with every message, most often of none that is out."""
+        for axes in self._axes.values():
+            if axes.out:
+                return any(True for _ in self._waiting(now))
+        return False
 
     def hear(self, timeline: Timeline, recount: Callable[[Timeline, int], Recount]) -> None:
         """Believe axes again without which the others are predicted worse; `recount` counts since a time [ns]."""

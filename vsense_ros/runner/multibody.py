@@ -214,7 +214,8 @@ class CarAdapter(Adapter):
     # Readings
 
     def measured(self, event: Event) -> None:
-        self.balance.measured(event)
+        if event.sensor == self.balance.index:
+            self.balance.measured(event)
 
     def correct(self, channel: Channel, event: Event) -> Innovation:
         variance = event.variance

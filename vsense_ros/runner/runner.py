@@ -192,11 +192,7 @@ class Runner:
         """Let the filter that has started have a reading of a message with a stamp [ns], if that can be true."""
         index, newest = event.sensor, self._timeline.stamp
         timing = self.intake.timing(event, self._timeline.oldest, newest)
-        if timing is Timing.RESTART:
-            self._stop(valid=True)
-            self.intake.restart(index)
-            self.gather(event)
-        elif timing is Timing.USED:
+        if timing is Timing.USED:
             if newest < self._started_at + UNSURE and self.adapter.contradicts_start(event):
                 return
             self.intake.believe(index, stamp)
@@ -206,6 +202,10 @@ class Runner:
             if self._early:
                 self._use_early(event.stamp)
             self._use_in_time(event)
+        elif timing is Timing.RESTART:
+            self._stop(valid=True)
+            self.intake.restart(index)
+            self.gather(event)
 
     def _use_in_time(self, event: Event) -> None:
         """Let the filter have a reading, at the time it was measured."""

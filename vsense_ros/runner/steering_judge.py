@@ -148,6 +148,8 @@ class SteeringJudge(Judge):
             self._widened = at
 
     def before(self, timeline: Timeline, event: Event) -> None:
+        if event.sensor != self.place and event.stamp - timeline.stamp <= STEERING.unheard:
+            return
         in_order = self._adapter.intake.is_in_order(self.place)
         if self._in_order and not in_order:
             self._undo_silence(timeline)
