@@ -90,7 +90,7 @@ class Ekf(GaussianFilter):
 
     def is_valid(self) -> bool:
         """True if the state is finite and within its bounds, and the variances are positive."""
-        return self.system.is_valid()
+        return self.system.is_valid() if self._operations is None else self._operations.is_valid()
 
     def advance(self, step: Step) -> bool:
         """As `Filter.advance`, in one call where the system is compiled."""

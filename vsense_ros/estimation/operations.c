@@ -25,6 +25,8 @@ struct event {
     long long steps, first, count; /* on the way; of the inputs or components */
 };
 
+int vsense_is_valid(const struct live *live) { return is_valid(live); }
+
 int vsense_step(const struct live *live, const double *process) { return step(live, process); }
 
 void vsense_measure(struct call *call) {

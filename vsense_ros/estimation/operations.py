@@ -84,7 +84,8 @@ class Operations:
         self._calls = {name: _Call.of(self._live, self._sensors[name], m) for name, (_, m) in sensors.items()}
         self._step, self._measure = compiled.vsense_step, compiled.vsense_measure
         self._advance, self._repeat = compiled.vsense_advance, compiled.vsense_repeat
-        self._follow = compiled.vsense_follow
+        self._follow, self._is_valid = compiled.vsense_follow, compiled.vsense_is_valid
+        self._is_valid.argtypes = [ADDRESS]
         self._step.argtypes = [ADDRESS, ADDRESS]
         self._measure.argtypes, self._measure.restype = [ADDRESS], None
         self._advance.argtypes = [ADDRESS, ADDRESS, ctypes.c_int, ctypes.c_double, ADDRESS]
@@ -114,6 +115,10 @@ class Operations:
         numbers[0], numbers[1] = limit, scale
         self._measure(address)
         return float(numbers[2])
+
+    def is_valid(self) -> bool:
+        """As `Filter.is_valid`."""
+        return bool(self._is_valid(self._live))
 
     def advance(self, step: Step) -> bool:
         """As `Filter.advance`."""

@@ -108,7 +108,10 @@ class Judge(ABC):
 
 
 class Judges:
-    """All judges of one car, those of `judges` that have their sensors; they hear messages before these act."""
+    """All judges of one car, those of `judges` that have their sensors; they hear messages before these act.
+
+    `apart` is the widest of what was undecided for any of them when they last looked; None for nothing.
+    """
 
     def __init__(self, sensors: Sequence[SensorBase], judges: Iterable[Judge]) -> None:
         self._judges = tuple(judge for judge in judges if judge.judged)
@@ -122,6 +125,7 @@ class Judges:
         self._before = tuple(judge.before for judge in self._judges if type(judge).before is not Judge.before)
         self._undecided = tuple(judge for judge in self._judges if type(judge).apart is not Judge.apart)
         self._settled = 0
+        self.apart: Apart | None = None
         self._begin_block(0)
 
     def __iter__(self) -> Iterator[Judge]:
@@ -145,8 +149,7 @@ class Judges:
         """Inertial sensors and axes that any of them spares."""
         return frozenset().union(*(judge.spares for judge in self._judges))
 
-    @property
-    def apart(self) -> Apart | None:
+    def _widest(self) -> Apart | None:
         """The widest of what is undecided for any of them; None for nothing."""
         undecided = [apart for judge in self._undecided if (apart := judge.apart) is not None]
         if len(undecided) > 1:
@@ -158,6 +161,7 @@ class Judges:
         self._begin_block(0)
         for judge in self._judges:
             judge.forget(stamp)
+        self.apart = self._widest()
 
     def hear(self, event: Event) -> None:
         """Take in a message, in order of arrival; what is not believed of it is changed in it."""
@@ -207,6 +211,7 @@ class Judges:
         self._settled = timeline.stamp
         for judge in self._judges:
             judge.settle(timeline)
+        self.apart = self._widest()
         return True
 
 

@@ -138,12 +138,13 @@ class Imu(SensorBase):
         out[FORCES] = values["linear_acceleration"]
         for part, field in _COVARIANCES:
             flat = values.get(field)
-            if flat is None or not len(flat):
+            if flat is None:
                 continue
-            if flat[0] == -1:
-                out[part] = np.nan
             diagonal = covariance_diagonal(flat, 3)
-            if self.noise_from_message and diagonal is not None:
+            if diagonal is None:
+                if len(flat) and flat[0] == -1:
+                    out[part] = np.nan
+            elif self.noise_from_message:
                 variance[part] = diagonal
 
     def read_rows(self, names: Names, columns: Values, out: Vector, variance: Vector) -> None:
