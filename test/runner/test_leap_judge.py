@@ -41,14 +41,16 @@ def test_four_wheels_that_fall_to_zero_between_two_messages_have_leapt_until_the
     assert not is_open_after(runner, [rolling, rolling, still, still, rolling])
 
 
-@pytest.mark.parametrize("fallen", [3, 4])
-def test_wheels_leap_within_a_block_if_all_of_them_do(runner: Runner, fallen: int) -> None:
+@pytest.mark.parametrize(("fallen", "absent"), [(3, False), (4, False), (3, True)])
+def test_wheels_leap_within_a_block_if_all_that_are_there_do(runner: Runner, fallen: int, absent: bool) -> None:
     of = next(one for one in runner.judges if isinstance(one, LeapJudge))
     wheels = list(runner.sensors).index("wheel_speeds")
     spins, stamps = np.full((6, 4), SPIN), [round(1e9 * (1 + i * STEP)) for i in range(6)]
     spins[3:, :fallen] = 0.0
+    if absent:
+        spins[2:, 3] = np.nan
     of.roll(Rolled(stamps, spins, Event(wheels, stamps[-1], spins[-1], np.ones(4))))
-    assert of.is_open(wheels) is (fallen == 4)
+    assert of.is_open(wheels) is (fallen == 4 or absent)
 
 
 def test_wheels_that_lock_one_by_one_have_not_leapt(runner: Runner) -> None:

@@ -92,12 +92,15 @@ class LeapJudge(Judge):
         self._take(event.sensor, event.stamp, [event.value.item(0) * self._radii.get(event.sensor, 1.0)])
 
     def roll(self, rolled: Rolled) -> None:
-        speeds, leap = self._radii[self._wheels] * rolled.spins, self._leaps[self._wheels]
-        spread = np.maximum.reduce(speeds) - np.minimum.reduce(speeds)
-        if leap.speeds and not leap.greatest and (spread + np.abs(speeds[0] - leap.speeds) < SETTINGS.noise).any():
-            leap.stamp, leap.speeds = rolled.stamps[-1], speeds[-1].tolist()  # no wheel did, whatever the order
-            return
-        for stamp, row in zip(rolled.stamps, speeds.tolist(), strict=True):
+        radius, leap = self._radii[self._wheels], self._leaps[self._wheels]
+        least, most = np.minimum.reduce(rolled.spins), np.maximum.reduce(rolled.spins)
+        if leap.speeds and not leap.greatest:
+            ranges = zip(leap.speeds, (radius * least).tolist(), (radius * most).tolist(), strict=True)
+            if any(max(high - low, high - was, was - low) < SETTINGS.noise for was, low, high in ranges):
+                # One wheel at least was always there, and did not leap, whatever the order.
+                leap.stamp, leap.speeds = rolled.stamps[-1], (radius * rolled.spins[-1]).tolist()
+                return
+        for stamp, row in zip(rolled.stamps, (radius * rolled.spins).tolist(), strict=True):
             self._take(self._wheels, stamp, row)
 
     def _take(self, index: int, stamp: int, speeds: list[float]) -> None:

@@ -10,6 +10,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from math import cos, sin
+from operator import mul
 
 import numpy as np
 
@@ -75,9 +76,14 @@ class WheelJudge(Judge):
         """The speed of the car by each wheel [m/s], NaN for what is not known."""
         angle, rate = self._adapter.steering_angle, self._rate
         turned, sideways = cos(angle), rate * self._ahead * sin(angle)
-        speeds = [spin * radius for spin, radius in zip(spins, self._radii, strict=True)]
-        speeds[:2] = [(speed - sideways) / turned for speed in speeds[:2]]
-        return [speed + rate * across for speed, across in zip(speeds, self._across, strict=True)]
+        fl, fr, rl, rr = map(mul, spins, self._radii)
+        to_left, to_right, behind_left, behind_right = self._across
+        return [
+            (fl - sideways) / turned + rate * to_left,
+            (fr - sideways) / turned + rate * to_right,
+            rl + rate * behind_left,
+            rr + rate * behind_right,
+        ]
 
     def hear(self, event: Event) -> None:
         if self.alone:
@@ -85,6 +91,8 @@ class WheelJudge(Judge):
 
     def roll(self, rolled: Rolled) -> None:
         speeds = self._speeds((np.add.reduce(rolled.spins) / len(rolled.spins)).tolist())
+        if max(speeds) - min(speeds) < WHEEL.speed and not (self.alone or self._far_from):
+            return  # as nearly always
         begin, end = rolled.stamps[0], rolled.stamps[-1]
         order = sorted(range(4), key=speeds.__getitem__) if sum(speeds) == sum(speeds) else []
         far = self._far(speeds, order) if order and abs(self._force) < WHEEL.sliding else None
