@@ -24,7 +24,16 @@ from bench_parts import PARTS
 
 ROOT = Path(__file__).resolve().parents[1]
 LARGEST = 1.1  # ratio from which on a part has become slower
-QUICK = ("step error_ekf", "step spi", "run sine_with_dwell", "command run", "read mcap", "live can", "live ubx")
+QUICK = (
+    "step error_ekf",
+    "step spi",
+    "messages one by one",
+    "run sine_with_dwell",
+    "command run",
+    "read mcap",
+    "live can",
+    "live ubx",
+)
 
 
 @dataclass(frozen=True)

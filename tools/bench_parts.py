@@ -76,6 +76,22 @@ def observer_step(name: str) -> Callable[[Path], Job]:
     return make
 
 
+def heard(folder: Path) -> Job:
+    """The messages of a bag one by one, as a node hears them: read, checked, judged, used and kept for late ones."""
+    import vsense_ros as vs
+    from vsense_ros.runner import Runner
+
+    car, recording = vs.load_vehicle(VEHICLE), vs.read(ROOT / "bags" / BAGS[0])
+    samples = list(recording.samples(tuple(Runner(car).topics)))[:HEARD]
+
+    def hear() -> None:
+        observer = Runner(car, recording.map_origin)
+        for sample in samples:
+            observer.add(sample)
+
+    return hear
+
+
 def run(bag: str) -> Callable[[Path], Job]:
     """`vsense run` in a process that is warm: from the file to the data of the report."""
 
@@ -165,10 +181,12 @@ def gnss(protocol: str) -> Callable[[Path], Job]:
     return make
 
 
-FIXES = 120  # of the double lane change
+FIXES = 120  # of the double lane change, and
+HEARD = 5_000  # of its messages
 PARTS = {
     "step error_ekf": Part(observer_step("error_ekf"), "step", short=True),
     "step spi": Part(observer_step("spi"), "step", short=True),
+    "messages one by one": Part(heard, "message", HEARD),
     **{f"run {bag}": Part(run(bag), "run") for bag in BAGS},
     "command run": Part(command, "command"),
     "explain": Part(explain, "answer"),
