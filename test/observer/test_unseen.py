@@ -76,6 +76,7 @@ def test_rear_tyres_may_slip_by_what_passed_for_a_bias_across_the_car() -> None:
     add_drift(pose, twist, motion, np.array([9.0, 0.5**2]), 0.006)  # type: ignore[arg-type]
     assert pose[5, 5] == pytest.approx(0.003**2)  # 0.5 m/s² that no tyre holds
     assert twist[1, 1] == pytest.approx((0.003 * 20.0) ** 2)
+    assert 0 < twist[5, 5] < pose[5, 5]  # a heading that is corrected in some seconds
 
 
 @given(st.integers(0, 2**32 - 1))

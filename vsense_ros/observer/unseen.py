@@ -22,6 +22,7 @@ They are added to what is published alone: the filter itself, and with it every 
 from __future__ import annotations
 
 from collections.abc import Iterable
+from dataclasses import dataclass
 from functools import cache
 from typing import Protocol
 
@@ -41,6 +42,16 @@ _LATERAL, _YAW_RATE = 1, 5  # of velocity and rates
 _PLACE = [0, 1]  # of position and attitude
 _TWIST_SIZE = 6
 _SLOWEST = 1.0  # [m/s] below it a slip angle has no meaning
+
+
+@dataclass(frozen=True)
+class UnseenSettings:
+    """How fast a filter corrects what passed for something else: decisions of this project."""
+
+    heading_corrected: float = 4.0  # [s] in which courses correct a heading
+
+
+SETTINGS = UnseenSettings()
 
 
 class Motion(Protocol):
@@ -124,9 +135,11 @@ def add_tilt(pose: Array, motion: Motion, bias: Array, change_length: float, ben
 def add_drift(pose: Array, twist: Array, motion: Motion, bias: Array, rear_slip: float) -> None:
     """Add to the covariances (…, 6, 6) of position and attitude, of velocity and rates that the rear tyres may slip by
     what passed for a bias across the car, as `unlikely_bias` has it (…, 2): a force that a slope takes up is no force
-    of tyres. They slip by `rear_slip` per acceleration [rad s²/m]."""
+    of tyres. They slip by `rear_slip` per acceleration [rad s²/m]. While the heading is corrected by as much, the gyro
+    seems to have a bias."""
     angle = rear_slip**2 * bias[..., 1]
     twist[..., _LATERAL, _LATERAL] += angle * motion.velocity[..., 0] ** 2
+    twist[..., _YAW_RATE, _YAW_RATE] += angle / SETTINGS.heading_corrected**2
     pose[..., _YAW, _YAW] += angle
 
 
