@@ -49,15 +49,12 @@ def judged_with_further(search: Search, proposed: list[Hypothesis], validation: 
 def _as_good(
     doubtful: Sequence[Hypothesis], likely: Sequence[Hypothesis], proven: Callable[[Hypothesis], float]
 ) -> list[Hypothesis]:
-    """Those of the doubtful sets that prove as much as a likely one in which one effect is another, and not so much
-    more that the two would be no rivals: slopes say that they are unlikely, and the fit does not."""
+    """Those of the doubtful sets that prove as much as a likely one in which one effect is another: slopes say that
+    they are unlikely, and the fit does not."""
 
     def rival(e: Hypothesis, one: Hypothesis) -> bool:
         shared = set(e.effects) & set(one.effects)
-        if not len(shared) + 1 == len(e.effects) == len(one.effects) or proven(e) < proven(one):
-            return False
-        known = max((proven(rest) for rest in likely if set(rest.effects) == shared), default=0.0)
-        return proven(one) - known >= THRESHOLDS.rival_share * (proven(e) - known)
+        return len(shared) + 1 == len(e.effects) == len(one.effects) and proven(e) >= proven(one)
 
     return [e for e in doubtful if any(rival(e, one) for one in likely)]
 
