@@ -2,9 +2,11 @@ from __future__ import annotations
 
 import datetime
 import math
+import struct
 from collections.abc import Iterator
 from functools import reduce
 from operator import xor
+from pathlib import Path
 
 import numpy as np
 import pymap3d
@@ -12,9 +14,10 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from pynmeagps import GET, NMEAMessage
-from pyubx2 import UBXMessage, calc_checksum
+from pyubx2 import UBXMessage, UBXReader, calc_checksum
 from scipy.spatial.transform import Rotation
 
+from vsense_ros.bag import read_bag
 from vsense_ros.bag.gnss_bytes import gnss_byte_stream
 from vsense_ros.bag.importers import import_recording
 from vsense_ros.driver.gnss import GnssSettings, metres_between, stamp_of_day
@@ -27,6 +30,7 @@ from vsense_ros.messages.recording import Sample
 
 SECOND = 1_000_000_000
 UTC = datetime.UTC
+BAGS = Path(__file__).resolve().parents[2] / "bags"
 NOON = datetime.datetime(2024, 5, 17, 12, 0, 0, tzinfo=UTC)
 KNOT = 1852 / 3600
 
@@ -583,6 +587,63 @@ def test_the_numbers_of_nav_pvt_are_those_that_pyubx2_reads(payload: bytes) -> N
         theirs.carrSoln,
     )
     assert ours.flags3 & 1 == theirs.invalidLlh
+
+
+def library_reads(frame: bytes) -> list[tuple[str, int, list[float]]]:
+    """Topic, stamp and measurements of the samples of a NAV-PVT frame, by pyubx2 and datetime."""
+    read = UBXReader.parse(frame)
+    usable = read.validDate and read.validTime and read.fullyResolved and read.gnssFixOk and read.fixType in (2, 3, 4)
+    try:
+        second = min(read.second, 59)
+        moment = datetime.datetime(read.year, read.month, read.day, read.hour, read.min, second, tzinfo=UTC)
+    except ValueError:
+        usable = False
+    if not usable:
+        return []
+    at = round(moment.timestamp()) * SECOND + read.nano
+    if not 0 <= at < 2**31 * SECOND:
+        return []
+    made = []
+    if not read.invalidLlh and abs(read.lat) <= 90 and abs(read.lon) <= 180:
+        made.append(("gps/fix", at, [read.lat, read.lon, read.height * 1e-3, (read.hAcc * 1e-3) ** 2 / 2]))
+    speeds = [read.velE * 1e-3, read.velN * 1e-3, -read.velD * 1e-3, (read.sAcc * 1e-3) ** 2 / 3]
+    return [*made, ("gps/velocity", at, speeds)]
+
+
+def measurements(sample: Sample) -> tuple[str, int, list[float]]:
+    values = sample.values
+    fields = ("latitude", "longitude", "altitude") if sample.topic == "gps/fix" else ("linear",)
+    covariance = values["position_covariance" if sample.topic == "gps/fix" else "covariance"]
+    return sample.topic, sample.stamp, [*np.concatenate([values[name] for name in fields]).tolist(), covariance[0]]
+
+
+@pytest.mark.parametrize("bag", ["double_lane_change", "sine_with_dwell", "hills"])
+def test_a_stream_of_ubx_gives_what_pyubx2_reads_of_it(bag: str) -> None:
+    decoder, count = UbxDecoder(), 0
+    for received, data in gnss_byte_stream(read_bag(BAGS / bag), "ubx"):
+        made = [measurements(sample) for sample in decoder.feed(data, received)]
+        assert made == [(topic, at, pytest.approx(v)) for topic, at, v in library_reads(data)]
+        count += len(made)
+    assert count > 100
+
+
+@given(
+    st.tuples(st.integers(1960, 2040), st.integers(0, 13), st.integers(0, 32)),
+    st.tuples(st.integers(0, 25), st.integers(0, 61), st.integers(0, 61), st.integers(-(10**9), 10**9)),
+    st.tuples(st.integers(0, 7), st.integers(0, 5), st.integers(0, 1), st.integers(0, 1)),
+    st.binary(min_size=92, max_size=92),
+)
+def test_any_nav_pvt_gives_the_samples_that_pyubx2_and_the_calendar_give(date, time, states, content) -> None:
+    year, month, day = date
+    hour, minute, second, nano = time
+    valid, kind, fix_ok, no_position = states
+    payload = bytearray(content)
+    struct.pack_into("<HBBBBBB", payload, 4, year, month, day, hour, minute, second, valid)
+    struct.pack_into("<iBB", payload, 16, nano, kind, payload[21] & ~1 | fix_ok)
+    struct.pack_into("<H", payload, 78, payload[78] & ~1 | no_position)
+    frame = UBXMessage("NAV", "NAV-PVT", GET, payload=bytes(payload)).serialize()
+    made = [measurements(sample) for sample in UbxDecoder().feed(frame, 5)]
+    assert made == [(topic, at, pytest.approx(v)) for topic, at, v in library_reads(frame)]
 
 
 @given(st.binary(min_size=63, max_size=63))

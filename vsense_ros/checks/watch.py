@@ -31,6 +31,7 @@ class WatchSettings:
 
 
 SETTINGS = WatchSettings()
+_SPAN, _STEP, _RESTART = (round(one * _NANO) for one in (SETTINGS.span, SETTINGS.step, SETTINGS.restart))
 # What shows in a few seconds. The rest does not, or the monitor of a stream says it at once.
 _SHOWN = (Kind.SIGN, Kind.AXES, Kind.UNIT, Kind.LAG, Kind.FRAME, Kind.FAILED)
 
@@ -47,19 +48,22 @@ class PlausibilityWatch:
 
     def add(self, sample: Sample) -> None:
         """Keep a sample."""
-        last = self._last.get(sample.topic)
-        stamp = sample.stamp
-        if last is not None and last[0] < stamp < last[1] and last[2] == sample.names:
-            return
-        self._last[sample.topic] = stamp, stamp + round(SETTINGS.step * _NANO), sample.names
-        kept = self._samples.get(sample.topic)
-        if kept is None:
-            kept = self._samples[sample.topic] = deque()
-        if kept:
-            if abs(stamp - kept[-1].stamp) >= SETTINGS.restart * _NANO:
-                kept.clear()  # the clock was set, or the stream begins anew
-            while kept and stamp - kept[0].stamp > SETTINGS.span * _NANO:
-                kept.popleft()
+        topic, stamp, names = sample.topic, sample.stamp, sample.names
+        last = self._last.get(topic)
+        if last is not None:
+            latest, following, known = last
+            if latest < stamp < following and known == names:
+                return
+        else:
+            self._samples[topic] = deque()
+            latest = stamp
+        self._last[topic] = stamp, stamp + _STEP, names
+        kept = self._samples[topic]
+        if not -_RESTART < stamp - latest < _RESTART:
+            kept.clear()  # the clock was set, or the stream begins anew
+        begin = stamp - _SPAN
+        while kept and kept[0].stamp < begin:
+            kept.popleft()
         kept.append(sample)
 
     def diagnostics(self, now: int) -> list[Diagnostic]:

@@ -6,8 +6,10 @@ import datetime
 import math
 from collections import Counter
 from dataclasses import dataclass, replace
+from functools import cache
 
 import numpy as np
+from numpy.typing import NDArray
 
 from vsense_ros.checks.watch import PlausibilityWatch
 from vsense_ros.driver import samples
@@ -18,7 +20,10 @@ from vsense_ros.messages.recording import Sample
 
 DAY = 86400 * NANO
 _EPOCH = datetime.date(1970, 1, 1).toordinal()
-_FIX_FIELDS = ("status", "service", "latitude", "longitude", "altitude", "position_covariance_type")
+_FIX, _VELOCITY = "sensor_msgs/msg/NavSatFix", "geometry_msgs/msg/TwistWithCovarianceStamped"
+_OF_VELOCITY = samples.diagonal([samples.UNMEASURED_VARIANCE] * 6)
+_NO_TURNING = np.zeros(3)
+_NO_TURNING.setflags(write=False)
 _MOST_KINDS = 64  # of frames that are counted by name
 
 # sensor_msgs/NavSatStatus and NavSatFix
@@ -88,6 +93,14 @@ def metres_between(latitude: float, longitude: float, to_latitude: float, to_lon
     return east, math.radians(to_latitude - latitude) * meridian
 
 
+@cache
+def _one(number: int) -> NDArray[np.float64]:
+    """A column of one of the few numbers that name a state, a service or a type; it cannot be written to."""
+    column = np.array([float(number)])
+    column.setflags(write=False)
+    return column
+
+
 class GnssChannels:
     """Makes the samples of `gps/fix`, `gps/velocity` and `gps/attitude`, and watches over each of them.
 
@@ -108,12 +121,6 @@ class GnssChannels:
         self._last_fix: tuple[int, float, float] | None = None
         self._last_velocity: tuple[int, float, float] | None = None
 
-    def _accept(self, monitor: StreamMonitor, stamp: int, received: int) -> bool:
-        accepted = monitor.accept(stamp, received)
-        if accepted:
-            self._delay = received - stamp
-        return accepted
-
     def fix(
         self,
         stamp: int,
@@ -130,15 +137,24 @@ class GnssChannels:
         if not (abs(latitude) <= 90.0 and abs(longitude) <= 180.0 and math.isfinite(altitude)):
             self.fix_monitor.fault("position out of range", received)
             return []
-        if not self._accept(self.fix_monitor, stamp, received):
+        if not self.fix_monitor.accept(stamp, received):
             return []
+        self._delay = received - stamp
         self._look_for_a_jump(stamp, received, latitude, longitude)
-        numbers = np.array([[status], [service], [latitude], [longitude], [altitude], [covariance_type]], float)
-        values = dict(zip(_FIX_FIELDS, numbers, strict=True))
-        values["position_covariance"] = samples.diagonal(variances)
+        place = np.array((latitude, longitude, altitude), float)
+        covariance = np.zeros(9)
+        covariance[0], covariance[4], covariance[8] = variances
+        values = {
+            "status": _one(status),
+            "service": _one(service),
+            "latitude": place[:1],
+            "longitude": place[1:2],
+            "altitude": place[2:],
+            "position_covariance": covariance,
+            "position_covariance_type": _one(covariance_type),
+        }
         settings = self.settings
-        kind = "sensor_msgs/msg/NavSatFix"
-        made = Sample(settings.fix_topic, kind, stamp, values, settings.frame_id, received=received)
+        made = Sample(settings.fix_topic, _FIX, stamp, values, settings.frame_id, (), "", received)
         self._watch(made, "gps/fix")
         return [made]
 
@@ -154,7 +170,7 @@ class GnssChannels:
         seconds = (stamp - last[0]) / NANO
         if not 0 < seconds <= self.MAX_VELOCITY_AGE / NANO:
             return
-        east, north = metres_between(*last[1:], latitude, longitude)
+        east, north = metres_between(last[1], last[2], latitude, longitude)
         if math.hypot(east - velocity[1] * seconds, north - velocity[2] * seconds) > self.settings.jump_limit:
             self.fix_monitor.note("position jump against the velocity", received)
 
@@ -169,19 +185,20 @@ class GnssChannels:
     ) -> list[Sample]:
         """A velocity [m/s] with variances east, north, up [m²/s²]. `up` is None where it is not measured: then it is 0,
         with a variance that says so, as NaN would spread over all axes of who turns the vector."""
-        if not self._accept(self.velocity_monitor, stamp, received):
+        if not self.velocity_monitor.accept(stamp, received):
             return []
+        self._delay = received - stamp
         self._last_velocity = (stamp, east, north)
         vertical = variances[2] if up is not None else samples.UNMEASURED_VARIANCE
-        unmeasured = samples.UNMEASURED_VARIANCE
+        covariance = _OF_VELOCITY.copy()
+        covariance[0], covariance[7], covariance[14] = variances[0], variances[1], vertical
         values = {
-            "linear": np.array([east, north, 0.0 if up is None else up]),
-            "angular": np.zeros(3),
-            "covariance": samples.diagonal([*variances[:2], vertical, unmeasured, unmeasured, unmeasured]),
+            "linear": np.array((east, north, 0.0 if up is None else up)),
+            "angular": _NO_TURNING,
+            "covariance": covariance,
         }
-        kind = "geometry_msgs/msg/TwistWithCovarianceStamped"
         settings = self.settings
-        made = Sample(settings.velocity_topic, kind, stamp, values, settings.map_frame_id, received=received)
+        made = Sample(settings.velocity_topic, _VELOCITY, stamp, values, settings.map_frame_id, (), "", received)
         self._watch(made, "gps/velocity")
         return [made]
 
@@ -202,8 +219,9 @@ class GnssChannels:
         if not math.isfinite(heading):
             self.attitude_monitor.fault("heading is not a number", received)
             return []
-        if not self._accept(self.attitude_monitor, stamp, received):
+        if not self.attitude_monitor.accept(stamp, received):
             return []
+        self._delay = received - stamp
         baseline = self.settings.baseline_yaw
         along, across = math.cos(baseline), math.sin(baseline)
         roll = pitch = 0.0

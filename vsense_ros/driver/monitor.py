@@ -86,7 +86,11 @@ class StreamMonitor:
         last = self._last_stamp
         if last is not None and last < stamp < LATEST and stamp - last <= self._max_gap:  # as nearly always
             self._strays = 0
-            self._take(stamp, at)
+            self._last_stamp = stamp
+            self._last_at = at
+            self._last_heard = stamp if at is None else at
+            self._recent.append(stamp)
+            self.accepted += 1
             return True
         if not 0 <= stamp < LATEST:
             self.fault("time stamp out of range", at if at is not None else self._last_stamp or 0)

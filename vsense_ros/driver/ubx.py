@@ -14,6 +14,7 @@ from pyubx2 import UBX_MSGIDS
 
 from vsense_ros.driver import gnss
 from vsense_ros.driver.gnss import GnssChannels, GnssSettings, LinkStatistics
+from vsense_ros.driver.monitor import NANO
 from vsense_ros.messages.diagnostic import Diagnostic
 from vsense_ros.messages.recording import Sample
 
@@ -30,6 +31,7 @@ _LONG_PVT = 92  # [byte] of its payload
 _PVT_LAYOUT = struct.Struct("<IHBBBBBB4xiBBxxiii4xIIiii8xI6xH12x")
 _RELPOSNED_LAYOUT = struct.Struct("<4xI8xiii4xxxbb8xI4xI4xI")
 _SYNC = b"\xb5\x62"
+_FIRST = _SYNC[:1]
 # Flags of the frames: of `valid`, of `flags` of both, of `flags3`.
 _TIME_VALID, _TIME_RESOLVED = 0b011, 0b100
 _FIX_OK, _DIFFERENTIAL, _CARRIER, _HEADING_VALID = 0b1, 0b10, 0b1100_0000, 0b1_0000_0000
@@ -40,13 +42,29 @@ _NAMES = {identifier: name for identifier, name in UBX_MSGIDS.items() if len(ide
 
 def fletcher(data: bytes) -> bytes:
     """The 8-bit Fletcher checksum of UBX, of class to payload: the sum of its bytes, and of all sums up to each."""
-    return bytes((np.frombuffer(data, np.uint8) @ _weights(len(data))).data)
+    return _weights(len(data)).dot(np.frombuffer(data, np.uint8)).tobytes()
 
 
 @lru_cache(maxsize=256)
 def _weights(count: int) -> NDArray[np.uint8]:
-    """How often each of so many bytes is in the sum, and in the sum of all sums, modulo 256 (count, 2)."""
-    return np.column_stack([np.ones(count, int), np.arange(count, 0, -1)]).astype(np.uint8)
+    """How often each of so many bytes is in the sum, and in the sum of all sums, modulo 256 (2, count)."""
+    return np.array([np.ones(count, int), np.arange(count, 0, -1)]).astype(np.uint8)
+
+
+@lru_cache(maxsize=4)  # of measurements that arrive on one day or two
+def _day(year: int, month: int, day: int) -> int:
+    """Unix time [ns] at which a date begins; `ValueError` if there is no such date."""
+    return gnss.utc_stamp(datetime.datetime(year, month, day))
+
+
+def _stamp(message: PositionVelocityTime) -> int:
+    """Unix time [ns] of a message; `ValueError` if there is no such time."""
+    _, year, month, day, hour, minute, second, _, nano, *_ = message
+    if hour > 23 or minute > 59:
+        raise ValueError
+    # A leap second has the number 60; Unix time has no place for it and repeats the one before.
+    seconds = hour * 3600 + minute * 60 + (second if second < 60 else 59)
+    return _day(year, month, day) + seconds * NANO + nano
 
 
 class PositionVelocityTime(NamedTuple):
@@ -77,7 +95,7 @@ class PositionVelocityTime(NamedTuple):
     @classmethod
     def of(cls, payload: bytes) -> PositionVelocityTime:
         """The numbers in a payload (92 bytes)."""
-        return cls(*_PVT_LAYOUT.unpack(payload))
+        return cls._make(_PVT_LAYOUT.unpack(payload))
 
 
 class RelativePosition(NamedTuple):
@@ -97,7 +115,7 @@ class RelativePosition(NamedTuple):
     @classmethod
     def of(cls, payload: bytes) -> RelativePosition:
         """The numbers in a payload (64 bytes)."""
-        return cls(*_RELPOSNED_LAYOUT.unpack(payload))
+        return cls._make(_RELPOSNED_LAYOUT.unpack(payload))
 
 
 class UbxDecoder:
@@ -117,36 +135,38 @@ class UbxDecoder:
     def feed(self, data: bytes, received: int) -> list[Sample]:
         """Samples of all frames that these bytes complete; `received` [ns] is their time of arrival."""
         self.link.heard(len(data), received)
-        self._buffer += data
+        self._buffer = buffer = self._buffer + data
         made: list[Sample] = []
-        position = 0
+        position = other = 0
         while True:
-            start = self._buffer.find(_SYNC[:1], position)
-            end = len(self._buffer) if start < 0 else start
-            self.link.other(end - position)
+            start = buffer.find(_FIRST, position)
+            end = len(buffer) if start < 0 else start
+            other += end - position
             position = end
             if start < 0:
                 break
-            header = self._buffer[start : start + 6]
+            header = buffer[start : start + 6]
             size = _SIZES.get(header)
             if size is None:
                 if any(known.startswith(header) for known in _SIZES):
                     break
                 self._count_other(start)
-                self.link.other(1)
+                other += 1
                 position = start + 1
                 continue
-            frame = self._buffer[start : start + size]
-            if len(frame) < size:
+            end = start + size
+            if len(buffer) < end:
                 break
-            if fletcher(frame[2:-2]) == frame[-2:]:
-                made += self._frame(frame, received)
-                position = start + size
+            if fletcher(buffer[start + 2 : end - 2]) == buffer[end - 2 : end]:
+                made += self._frame(buffer[start:end], received)
+                position = end
             else:
                 self.link.broken(received)
-                self.link.other(1)
+                other += 1
                 position = start + 1
-        self._buffer = self._buffer[position:]
+        if other:
+            self.link.other(other)
+        self._buffer = buffer[position:]
         return made
 
     def diagnostics(self, now: int) -> list[Diagnostic]:
@@ -184,17 +204,13 @@ class UbxDecoder:
             objection = "no fix"
         else:
             try:
-                moment = datetime.datetime(
-                    message.year, message.month, message.day, message.hour, message.min, min(message.second, 59)
-                )
+                stamp = _stamp(message)
             except ValueError:
                 objection = "time out of range"
         if objection is not None:
             channels.fix_monitor.fault(objection, received)
             channels.velocity_monitor.fault(objection, received)
             return []
-        # A leap second has the number 60; Unix time has no place for it and repeats the one before.
-        stamp = gnss.utc_stamp(moment, message.nano)
         self._week = (message.iTOW, stamp)
         made: list[Sample] = []
         if message.flags3 & _NO_POSITION:
