@@ -267,7 +267,7 @@ class Receiver:
             if self.paged and not all(field.has(data) for field in self.paged):
                 self.monitor.passed("other multiplexer page")
                 return []
-        usual = self._usual and self._usual(data)
+        usual = None if self._usual is None else self._usual(data)
         if usual is None:
             made = self._judged_values(data, at)
             if not made or not self.monitor.accept(arrival, received):

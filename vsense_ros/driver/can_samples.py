@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from dataclasses import dataclass
-from operator import itemgetter
 from typing import Any
 
 import numpy as np
@@ -58,20 +57,22 @@ class Template:
             field = self.vectors[0][0]
 
             def make(values: tuple[float, ...], stamp: int, received: int) -> Sample:
-                content = dict(known)
-                content[field] = np.array(values)
+                content = {**known, field: np.array(values)}
                 return Sample(topic, kind, stamp, content, frame, joints, child, received)
 
             return make
         order = {name: i for i, name in enumerate(names)}
-        picked = tuple(
-            (field, itemgetter(*(order.get(name, len(names)) for name in wanted))) for field, wanted in self.vectors
-        )
+        placed = [  # axes, and the values that they have, of a vector whose other axes are not measured
+            (field, np.full(len(wanted), math.nan), [(k, order[name]) for k, name in enumerate(wanted) if name in order])
+            for field, wanted in self.vectors
+        ]
 
         def make_vectors(values: tuple[float, ...], stamp: int, received: int) -> Sample:
             content = dict(known)
-            for field, pick in picked:
-                content[field] = np.array(pick((*values, math.nan)))
+            for field, empty, axes in placed:
+                content[field] = vector = empty.copy()
+                for axis, place in axes:
+                    vector[axis] = values[place]
             return Sample(topic, kind, stamp, content, frame, joints, child, received)
 
         return make_vectors
