@@ -33,7 +33,8 @@ def judged_with_further(search: Search, proposed: list[Hypothesis], validation: 
         prepare(begin)
         hypotheses += begin
     if begin and (not named or search.leaves_something(begin[0].fit)):
-        hypotheses += _with_further(search, begin, validation, threshold, rounds)
+        further = _with_further(search, begin, validation, threshold, rounds)
+        hypotheses += [*further, *_without_earlier(search, further, hypotheses, validation, least)]
         judged = judge(hypotheses, described, validation, search.with_profile, threshold)
     if search.leaves_something(judged.leader.fit if judged.leader is not None else search.base):
         described = search.described()
@@ -77,6 +78,23 @@ def _with_further(
         validation.comparisons.prepare(newest)
         found += newest
     return found
+
+
+def _without_earlier(
+    search: Search, further: Sequence[Hypothesis], known: Sequence[Hypothesis], validation: Validation, least: float
+) -> list[Hypothesis]:
+    """The best of the hypotheses with a further effect without each of its other effects, where that is not known and
+    it proves a share `least` more of what is left than the known ones: the further effect may be what another one stood
+    in for."""
+    best = max(further, key=validation.proven, default=None)
+    if best is None or len(best.effects) < 3:
+        return []
+    proven = max(map(validation.proven, known), default=0.0)
+    if validation.proven(best) - proven <= least * max(1 - proven, search.least_whole):
+        return []
+    fitted = search.without_each(best, {frozenset(e.effects) for e in (*known, *further)})
+    validation.comparisons.prepare(fitted)
+    return fitted
 
 
 def with_final_sizes(search: Search, judged: Judged, validation: Validation) -> tuple[Judged, str]:

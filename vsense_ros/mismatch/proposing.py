@@ -6,7 +6,7 @@ fitted. So the model is made linear again where the likeliest set is likeliest, 
 
 from __future__ import annotations
 
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence, Set
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -152,10 +152,11 @@ class Proposing:
         size = [key_of(candidate.free_parameters[0])]
         return next(c for c in self.offered if [key_of(p) for p in c.free_parameters] == size)
 
-    def without_each(self, hypothesis: Hypothesis) -> list[Hypothesis]:
-        """A hypothesis without each of its effects, fitted."""
+    def without_each(self, hypothesis: Hypothesis, known: Set[frozenset[str]] = frozenset()) -> list[Hypothesis]:
+        """A hypothesis without each of its effects, fitted, but for sets of effects that are `known`, by id."""
         rests = [tuple(c for c in hypothesis.candidates if c is not out) for out in hypothesis.candidates]
-        joints = [(rest, self._with(hypothesis.fit, {}, rest)) for rest in rests if rest]
+        new = [rest for rest in rests if rest and frozenset(c.effect for c in rest) not in known]
+        joints = [(rest, self._with(hypothesis.fit, {}, rest)) for rest in new]
         return self._fitted(joints, hypothesis.evident)
 
     def _fitted(

@@ -7,7 +7,7 @@ that explains clearly more.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence, Set
 from dataclasses import replace
 from functools import cached_property
 from operator import itemgetter
@@ -105,7 +105,7 @@ class Search:
         found: list[Hypothesis] = []
         best = max(list(filter(is_trusted, provable)) or provable, key=proven, default=None)
         while best is not None and len(best.candidates) > 1:
-            without = self._proposing.without_each(best)
+            without = self.without_each(best)
             prepare(without)
             found += without
             for rest in without:
@@ -122,6 +122,10 @@ class Search:
                 break
             best = next(e for e in without if out not in e.effects)
         return found
+
+    def without_each(self, hypothesis: Hypothesis, known: Set[frozenset[str]] = frozenset()) -> list[Hypothesis]:
+        """A hypothesis without each of its effects, fitted, but for sets of effects that are `known`, by id."""
+        return self._proposing.without_each(hypothesis, known)
 
     @cached_property
     def _proposing(self) -> Proposing:
