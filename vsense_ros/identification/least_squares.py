@@ -11,7 +11,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Collection, Generator, Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property
+from functools import cache, cached_property
 from itertools import chain, islice
 from typing import Any, Protocol
 
@@ -179,11 +179,21 @@ def slope(
     """Secant of the residuals, per deviation of a free parameter whose offset is changed by `step` likely ones from a
     fit that began at `start`. Where the simulation diverges with that and does not in the fit, which would tell
     nothing, other steps are tried."""
-    return _slope(residuals, fit, parameter, _attempts(start, fit, parameter, step))
+    return _slope(residuals, fit, _diverged_in(residuals, fit), parameter, _attempts(start, fit, parameter, step))
+
+
+def _diverged_in(residuals: ResidualFunction, fit: Fit) -> Callable[[], int]:
+    """In how many blocks the simulation diverges in a fit: asked once, as few secants need it, and it may take a
+    simulation of all blocks."""
+    return cache(lambda: sum(residuals.diverged(fit.parameter_set)))
 
 
 def _slope(
-    residuals: ResidualFunction, fit: Fit, parameter: FreeParameter, attempts: Iterable[tuple[float, ParameterSet]]
+    residuals: ResidualFunction,
+    fit: Fit,
+    diverged_in_fit: Callable[[], int],
+    parameter: FreeParameter,
+    attempts: Iterable[tuple[float, ParameterSet]],
 ) -> list[Slopes]:
     """`slope` by the first of the attempts in which the simulation diverges no more than in the fit."""
     best, fewest = [np.zeros(len(r), np.float32) for r in fit.residuals], len(fit.residuals) + 1
@@ -196,7 +206,7 @@ def _slope(
                 for c, r in zip(changed, fit.residuals, strict=True)
             ]
             fewest = diverged
-        if not diverged or diverged <= sum(residuals.diverged(fit.parameter_set)):
+        if not diverged or diverged <= diverged_in_fit():
             break
     return best
 
@@ -209,14 +219,14 @@ def slopes_by(
     step: float = SEARCH.secant,
 ) -> Iterator[list[Slopes]]:
     """`slope` by each of the free parameters, several of which are simulated side by side."""
-    at_once = residuals.at_once
+    at_once, diverged_in_fit = residuals.at_once, _diverged_in(residuals, fit)
     for begin in range(0, len(free_parameters), at_once):
         group = free_parameters[begin : begin + at_once]
         attempts = [_attempts(start, fit, parameter, step) for parameter in group]
         first = [list(islice(attempt, 1)) for attempt in attempts]
         residuals.prepare([parameter_set for attempt in first for _, parameter_set in attempt], fit.parameter_set)
         for parameter, first_choice, further in zip(group, first, attempts, strict=True):
-            yield _slope(residuals, fit, parameter, chain(first_choice, further))
+            yield _slope(residuals, fit, diverged_in_fit, parameter, chain(first_choice, further))
 
 
 def _attempts(
@@ -255,7 +265,7 @@ def slopes_at(
 
 
 def solve(
-    slopes: Sequence[NDArray[np.floating[Any]]],
+    slopes: Sequence[Slopes],
     residuals: Sequence[Array],
     scaled_offsets: Array,
     weight: float,
@@ -268,13 +278,29 @@ def solve(
     With `caution` it is shorter, as the damping of Marquardt (1963) makes it; if it is then longer than `longest`, it
     is the best change of that length (Moré, 1978).
     """
-    normal = sum(map(products, slopes), np.zeros((len(scaled_offsets), len(scaled_offsets))))
-    right = sum((s.T @ r for s, r in zip(slopes, residuals, strict=True)), np.zeros(len(scaled_offsets)))
+    right = _with_residuals(slopes, residuals)
+    return _change(_products_of(slopes), right, scaled_offsets, weight, caution, longest)
+
+
+def _change(
+    normal: Array, right: Array, scaled_offsets: Array, weight: float, caution: float, longest: float = np.inf
+) -> Array:
+    """`solve` from the products `normal` (k, k) of the slopes and `right` (k,) of slopes and residuals."""
     normal = normal + caution * np.diag(np.diag(normal))
     change = minimiser(normal, right, scaled_offsets, weight)
     if np.linalg.norm(change) <= longest:
         return change
     return _of_length(normal, right, scaled_offsets, weight, longest)
+
+
+def _products_of(slopes: Sequence[Slopes]) -> Array:
+    """The products (k, k) of the columns of slopes, of all blocks together."""
+    return np.asarray(sum(map(products, slopes)), float)
+
+
+def _with_residuals(slopes: Sequence[Slopes], residuals: Sequence[Array]) -> Array:
+    """The products (k,) of slopes and residuals, of all blocks together."""
+    return np.asarray(sum(s.T @ r for s, r in zip(slopes, residuals, strict=True)), float)
 
 
 def _of_length(normal: Array, right: Array, scaled_offsets: Array, weight: float, length: float) -> Array:
@@ -423,9 +449,10 @@ def _stepped(
     """
     deviations = np.array([parameter.deviation for parameter in present.free_parameters])
     low, high = np.array([k.low for k in present.free_parameters]), np.array([k.high for k in present.free_parameters])
+    normal, right = _products_of(present.slopes), _with_residuals(present.slopes, present.residuals)
     best = present
     for caution, shares in SEARCH.caution:
-        step = solve(present.slopes, present.residuals, present.scaled_offsets, present.weight, caution, longest)
+        step = _change(normal, right, present.scaled_offsets, present.weight, caution, longest)
         promised = _promised(present, step)
         if promised < SEARCH.converged_fall * present.value:
             break
@@ -444,9 +471,8 @@ def _stepped(
                 best = _with_updated_slopes(present, tried, missed)
             if present.value - tried.value > SEARCH.sufficient_share * share * (2 - share) * promised:
                 return best
-            bend = solve(
-                present.slopes, [2 * m / share**2 for m in missed], np.zeros(len(step)), present.weight, caution
-            )
+            bent = _with_residuals(present.slopes, [2 * m / share**2 for m in missed])
+            bend = _change(normal, bent, np.zeros(len(step)), present.weight, caution)
             bend *= min(1.0, SEARCH.most_bent * float(np.linalg.norm(step)) / max(float(np.linalg.norm(bend)), 1e-12))
     return best
 

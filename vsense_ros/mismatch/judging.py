@@ -68,15 +68,19 @@ def _with_further(
     rounds: int = EFFORT.most_effects,
 ) -> list[Hypothesis]:
     """Hypotheses with one more effect than those to begin with, and so on for some `rounds`, as long as that promises
-    to explain more."""
+    to explain more, and the last one did."""
     least, unseen = max(threshold, THRESHOLDS.least_gain), bool(validation.recordings)
     found: list[Hypothesis] = []
     newest = list(begin)
+    most = max(map(validation.proven, begin), default=0.0)
     for _ in range(rounds):
         if not (newest := search.further(newest, least, validation.proven, unseen)):
             break
         validation.comparisons.prepare(newest)
         found += newest
+        before, most = most, max(map(validation.proven, newest))
+        if most - before <= least * max(1 - before, search.least_whole):
+            break
     return found
 
 
