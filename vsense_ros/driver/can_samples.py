@@ -62,10 +62,10 @@ class Template:
 
             return make
         order = {name: i for i, name in enumerate(names)}
-        placed = [  # axes, and the values that they have, of a vector whose other axes are not measured
-            (field, np.full(len(wanted), math.nan), [(k, order[name]) for k, name in enumerate(wanted) if name in order])
-            for field, wanted in self.vectors
-        ]
+        placed = []  # a vector of which nothing is measured, and its axes that are, with their places among the values
+        for field, wanted in self.vectors:
+            axes = [(k, order[name]) for k, name in enumerate(wanted) if name in order]
+            placed.append((field, np.full(len(wanted), math.nan), axes))
 
         def make_vectors(values: tuple[float, ...], stamp: int, received: int) -> Sample:
             content = dict(known)

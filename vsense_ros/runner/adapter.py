@@ -122,6 +122,11 @@ class Adapter(ABC):
         return 0.0
 
     @property
+    def yaw_rate(self) -> float:
+        """Yaw rate of the car, to the left [rad/s]; 0 where it is not estimated."""
+        return 0.0
+
+    @property
     def first_speeds_apart(self) -> float:
         """By how much the speeds contradicted each other from which the filter has started [m/s]."""
         return 0.0

@@ -130,6 +130,10 @@ class CarAdapter(Adapter):
         return self.car.mean.item(LATERAL)
 
     @property
+    def yaw_rate(self) -> float:
+        return self.car.mean.item(YAW_RATE)
+
+    @property
     def first_speeds_apart(self) -> float:
         return self._start.apart if self._start is not None else 0.0
 

@@ -41,6 +41,7 @@ from vsense_ros.runner.outage_judge import OutageJudge
 from vsense_ros.runner.placement import Placement
 from vsense_ros.runner.receiver_judge import ReceiverJudge
 from vsense_ros.runner.resets import Resets
+from vsense_ros.runner.slip_judge import SlipJudge
 from vsense_ros.runner.steering_judge import SteeringJudge
 from vsense_ros.runner.travel_judge import TravelJudge
 from vsense_ros.runner.velocity_judge import VelocityJudge
@@ -103,6 +104,7 @@ class Runner:
             SteeringJudge(adapter, self.vote, len(channels), self._complain),
             TravelJudge(adapter, self.intake, self.vote, direction, len(channels)),
             VelocityJudge(adapter),
+            SlipJudge(adapter),
         )
         self.judges = Judges(tuple(self.sensors.values()), judges)
         self._timeline = Timeline(
