@@ -121,6 +121,12 @@ class GnssChannels:
         self._last_fix: tuple[int, float, float] | None = None
         self._last_velocity: tuple[int, float, float] | None = None
 
+    def _accept(self, monitor: StreamMonitor, stamp: int, received: int) -> bool:
+        accepted = monitor.accept(stamp, received)
+        if accepted:
+            self._delay = received - stamp
+        return accepted
+
     def fix(
         self,
         stamp: int,
@@ -137,9 +143,8 @@ class GnssChannels:
         if not (abs(latitude) <= 90.0 and abs(longitude) <= 180.0 and math.isfinite(altitude)):
             self.fix_monitor.fault("position out of range", received)
             return []
-        if not self.fix_monitor.accept(stamp, received):
+        if not self._accept(self.fix_monitor, stamp, received):
             return []
-        self._delay = received - stamp
         self._look_for_a_jump(stamp, received, latitude, longitude)
         place = np.array((latitude, longitude, altitude), float)
         covariance = np.zeros(9)
@@ -185,9 +190,8 @@ class GnssChannels:
     ) -> list[Sample]:
         """A velocity [m/s] with variances east, north, up [m²/s²]. `up` is None where it is not measured: then it is 0,
         with a variance that says so, as NaN would spread over all axes of who turns the vector."""
-        if not self.velocity_monitor.accept(stamp, received):
+        if not self._accept(self.velocity_monitor, stamp, received):
             return []
-        self._delay = received - stamp
         self._last_velocity = (stamp, east, north)
         vertical = variances[2] if up is not None else samples.UNMEASURED_VARIANCE
         covariance = _OF_VELOCITY.copy()
@@ -219,9 +223,8 @@ class GnssChannels:
         if not math.isfinite(heading):
             self.attitude_monitor.fault("heading is not a number", received)
             return []
-        if not self.attitude_monitor.accept(stamp, received):
+        if not self._accept(self.attitude_monitor, stamp, received):
             return []
-        self._delay = received - stamp
         baseline = self.settings.baseline_yaw
         along, across = math.cos(baseline), math.sin(baseline)
         roll = pitch = 0.0

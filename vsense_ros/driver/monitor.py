@@ -86,11 +86,7 @@ class StreamMonitor:
         last = self._last_stamp
         if last is not None and last < stamp < LATEST and stamp - last <= self._max_gap:  # as nearly always
             self._strays = 0
-            self._last_stamp = stamp
-            self._last_at = at
-            self._last_heard = stamp if at is None else at
-            self._recent.append(stamp)
-            self.accepted += 1
+            self._take(stamp, at)
             return True
         if not 0 <= stamp < LATEST:
             self.fault("time stamp out of range", at if at is not None else self._last_stamp or 0)
