@@ -9,8 +9,8 @@ the distance b of the rear axle from cog, the lateral velocity there is
     v_y - b r = -c a_y v,    c the slip of the rear axle per lateral acceleration.
 
 Where the estimate is elsewhere for longer than a transient lasts, the published lateral velocity is as uncertain as the
-two are apart, and the estimate is no good one: a car that slides on ice is rare, and hard to tell from it. Large
-accelerations say nothing, as tyres may slide there.
+two are apart, and the estimate is no good one: a car that slides on ice is rare, and hard to tell from it, as is an
+accelerometer that is wrong. Large accelerations say nothing, as tyres may slide there.
 """
 
 from __future__ import annotations
@@ -72,7 +72,7 @@ class SlipJudge(Judge):
     def doubts(self) -> list[str]:
         if not self._apart_by:
             return []
-        return [f"tyres slide, or lateral velocity is {self._apart_by:.1f} m/s off"]
+        return [f"lateral velocity is {self._apart_by:.1f} m/s from what the lateral force that is felt allows"]
 
     def hear(self, event: Event) -> None:
         """Nothing is heard."""
