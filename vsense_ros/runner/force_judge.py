@@ -4,11 +4,13 @@ A mass, a steering ratio or tyres that are another car's make the force that the
 file states (`observer.force_errors`), within seconds of cornering. Its mean square over its variance is one if they are
 true (covariance matching, Mehra 1972). Where it is clearly more, the slip angles that follow from these tyres are wrong
 by about what that force is worth, and the covariances that are published are widened by it; the filter itself stays as
-it is: an error that lasts is no noise. Meanwhile no gyro is left out because of what the model alone says.
+it is: an error that lasts is no noise. Meanwhile no gyro is left out because of what the model alone says. An axis that
+is wrong makes such a force, too: once one is left out, what was found in the seconds before is forgotten.
 """
 
 from __future__ import annotations
 
+from collections import deque
 from collections.abc import Callable
 from dataclasses import dataclass
 from math import exp, sqrt
@@ -32,6 +34,7 @@ class ForceSettings:
     said: float = 1.0  # [m/s²] of it, from which on that is said, too
     slowest: float = 4.0  # [m/s] below which slip angles say little
     longest: float = 0.5  # [s] from one look to the next, beyond which nothing is averaged
+    undone: int = 2_000_000_000  # [ns] before an axis is left out, in which it may have made the force: as of a vote
 
 
 FORCES = ForceSettings()
@@ -55,6 +58,8 @@ class ForceJudge(Judge):
     def forget(self, stamp: int) -> None:
         self._last = stamp
         self._square = self._largest = 0.0  # [m²/s⁴] mean square now, and the largest that is not forgotten
+        self._before: deque[tuple[int, float, float]] = deque([(stamp, 0.0, 0.0)])  # these, with their times [ns]
+        self._was_out = False
 
     @property
     def missing(self) -> float:
@@ -93,6 +98,13 @@ class ForceJudge(Judge):
         adapter = self._adapter
         if not 0 < h < FORCES.longest or not adapter.heading_known:
             return
+        out = self._gyro_out()
+        if out and not self._was_out:
+            self._square, self._largest = self._before[0][1:]
+        self._was_out = out
         if abs(adapter.forward_speed) > FORCES.slowest:
             self._square += (1 - exp(-h / FORCES.averaged)) * (adapter.missing_lateral_force**2 - self._square)
         self._largest = max(self._largest * exp(-2 * h / FORCES.remembered), self._square)
+        self._before.append((timeline.stamp, self._square, self._largest))
+        while len(self._before) > 1 and self._before[1][0] <= timeline.stamp - FORCES.undone:
+            self._before.popleft()

@@ -85,11 +85,16 @@ class Recount:
         return self._scores(None)
 
     def ballots(self, confirmed: Collection[tuple[int, int]]) -> list[Ballot]:
-        """The votes of the others without each axis that may be wrong, none that is out or that a direct witness has
-        confirmed, by sensor and axis; and without all of these of a sensor."""
+        """The votes of the others without each axis that may be wrong, none that is out, by sensor and axis; and
+        without all of these of a sensor. One that a direct witness has confirmed is wrong only where those sensors
+        that are such witnesses say so by themselves: a witness has wide margins, which they do without."""
         ballots: list[Ballot] = []
         for axes in self._axes.values():
-            within = [a for a in axes.present if a not in axes.out and (axes.index, a) not in confirmed]
+            believed = [a for a in axes.present if a not in axes.out]
+            for a in believed:
+                if (axes.index, a) in confirmed and (one := self.without(axes, [a])).by_place > VOTE.gain:
+                    ballots.append(one)
+            within = [a for a in believed if (axes.index, a) not in confirmed]
             if not within:
                 continue
             loud = axes.sums.far()[SHORT, : len(axes.words)].max() > VOTE.own
@@ -149,13 +154,13 @@ class Recount:
         gain = sum(
             float((score[0] - free[i][0]).sum()) for i, score in everybody.items() if i not in self._without_vote
         )
-        _, squares, count = everybody[best.axes.index][:, best.left].sum(axis=1).tolist()
-        return gain > best.gain + max(squares - count, 0.0)
+        return gain > best.gain + _beyond_noise(everybody[best.axes.index], best.left)
 
     def wrong_sensor(self, best: Ballot, candidates: Collection[int]) -> int | None:
         """The one of some whole sensors without which all others agree, the axis that seems wrong among them, and are
         predicted better than without that axis; None if there is none. Where all axes of a sensor seem wrong, it is the
-        sensor without which the others gain more."""
+        sensor without which the others gain more. It has to explain what the axis read: wheels that slip agree less
+        with all others, too, while an axis jumps for another reason."""
         everybody, alone = self.everybody, self._scores((best.axes.index, best.left))
         if everybody is None or alone is None:
             return None
@@ -173,9 +178,23 @@ class Recount:
                 common = [c for c in range(score.shape[1]) if i != best.axes.index or c not in best.left]
                 gain += float((everybody[i] - score)[0].sum())
                 more += float((alone[i] - score)[0, common].sum())
-            if gain > most and more > 0.0 and disagreement < VOTE.disagree:
+            agree = gain > most and more > 0.0 and disagreement < VOTE.disagree
+            if agree and self._explains(index, best):
                 found, most = index, gain
         return found
+
+    def _explains(self, index: int, best: Ballot) -> bool:
+        """True if what the axes of a ballot read beyond their noise is gone for the most part without a sensor; what
+        was refused of a single axis counts, too."""
+        everybody = self.everybody
+        assert everybody is not None
+        axes, believed = best.axes.index, (best.axes.index, best.left[0]) if len(best.left) == 1 else None
+        left_out = (index, list(range(everybody[index].shape[1])))
+        before, after = self._scores(None, believed=believed), self._scores(left_out, believed=believed)
+        if before is None or after is None or axes not in before or axes not in after:
+            return False
+        most = VOTE.unexplained * _beyond_noise(before[axes], best.left)
+        return _beyond_noise(after[axes], best.left) <= most
 
     def _scores(
         self,
@@ -226,6 +245,12 @@ class Recount:
         if not timeline.again(self._since, act):
             return None
         return {sensor: _score(*(np.array(part) for part in zip(*seen, strict=True))) for sensor, seen in found.items()}
+
+
+def _beyond_noise(score: Array, axes: list[int]) -> float:
+    """By how much the squares of the whitened innovations of some axes of a sensor add up to more than noise does."""
+    _, squares, count = score[:, axes].sum(axis=1).tolist()
+    return max(squares - count, 0.0)
 
 
 def _copied(innovation: Innovation) -> tuple[Array, Array]:

@@ -98,6 +98,8 @@ class Vote:
         # Sensors and axes that a direct witness confirms, and the stamp of its newest message that does [ns].
         self.confirmed: dict[tuple[int, int], int] = {}
         self.spared: frozenset[tuple[int, int]] = frozenset()  # axes that contradict a model known to be wrong
+        self._spared_before = self.spared  # these at the time of the alarm, and when that was raised [ns]
+        self._raised = 0
         self.wait = False  # True while something else may be wrong, and no axis is left out
         self.jury: Callable[[], list[int]] = list  # places of whole sensors that may be what is wrong
         self.accused: int | None = None  # the one of them that a vote has found to be
@@ -127,6 +129,15 @@ class Vote:
         for axes in self.axes.values():
             for axis, out in axes.out.items():
                 yield axes, axis, out
+
+    def left_out(self, index: int) -> list[int]:
+        """The axes of an inertial sensor that are out."""
+        axes = self.axes.get(index)
+        return list(axes.out) if axes is not None else []
+
+    def frozen(self, index: int) -> list[int]:
+        """Those of them that are because they are frozen."""
+        return [axis for axis in self.left_out(index) if self.axes[index].out[axis].why == FROZEN]
 
     # One message
 
@@ -226,6 +237,7 @@ class Vote:
         """Raise the alarm, or keep it up."""
         if self.alarm is None or now - self.heard > VOTE.last_pause:
             self.alarm, self._pause = since - VOTE.before, VOTE.first_pause
+            self._raised, self._spared_before = now, self.spared
         self.heard = now
 
     def _look_for_frozen(self, axes: Axes) -> None:
@@ -349,11 +361,17 @@ class Vote:
             self._take_out(axes, axis, since, "jumped away from all others", now, far)
             self._undo(timeline, since, axes, axis)
 
+    def _spares(self, now: int) -> frozenset[tuple[int, int]]:
+        """Axes that contradict a model which was known to be wrong before: a gyro that is wrong makes it seem so."""
+        return self.spared if now - self._raised > VOTE.look_back else self._spared_before
+
     def _take_vote(self, timeline: Timeline) -> None:
         """Filter again what was measured since the alarm, with and without each axis, and leave out those that are
         wrong."""
         now = timeline.stamp
         since = max(self.alarm or 0, now - VOTE.look_back)
+        if now - self.begun < VOTE.settled + VOTE.first_pause:  # nobody could be left out before
+            self._raised, self._spared_before = now, self.spared
         if now - since > VOTE.urgent:
             self._pause = min(2 * self._pause, VOTE.last_pause)
         self._voted, self.undecided = now, False
@@ -363,19 +381,21 @@ class Vote:
         ballots = recount.ballots(self.confirmed)
         if not ballots:
             return
-        ballots, best, far = self._likeliest(ballots)
+        spared = self._spares(now)
+        ballots, best, far = self._likeliest(ballots, spared)
         enough, suspect = (VOTE.gain_with_own,) * 2 if far else (VOTE.gain, VOTE.suspect)
         self.undecided = best.gain >= suspect
         if not self.undecided or best.disagreement > VOTE.disagree:
             return
         self._pause = VOTE.first_pause
-        if best.gain < enough or best.is_split(self.spared) or self._is_another(recount, best):
+        # Where the others scatter by more than is stated, a logarithm of likelihoods is too large by as much.
+        if best.gain < enough * max(1.0, best.disagreement) or best.is_split(spared) or self._is_another(recount, best):
             return
         self.alarm, self.undecided = None, False
         # Who is nearly as suspect as the worst may be the one: to do without both costs little, to believe one much.
         for one in ballots:
             near = one.gain > max(suspect, VOTE.nearly * best.gain) and one.disagreement <= VOTE.disagree
-            if near and len(one.left) == len(best.left) and not one.is_split(self.spared):
+            if near and len(one.left) == len(best.left) and not one.is_split(spared):
                 self.doubted |= len(one.left) > 1
                 for axis in one.left:
                     self._take_out(one.axes, axis, since, "contradicts the others", now)
@@ -384,13 +404,15 @@ class Vote:
         for others in self.axes.values():
             others.sums.clear()
 
-    def _likeliest(self, ballots: list[Ballot]) -> tuple[list[Ballot], Ballot, bool]:
+    def _likeliest(
+        self, ballots: list[Ballot], spared: frozenset[tuple[int, int]]
+    ) -> tuple[list[Ballot], Ballot, bool]:
         """Those that come into question, and the best of them: without a single axis, or without several at once where
         the others do not agree that a single one is wrong. The third is true if that axis is far from what is expected
         by itself."""
         best = max((one for one in ballots if len(one.left) == 1), key=lambda one: one.gain)
         agreed = best.disagreement <= VOTE.disagree
-        if agreed and not best.is_split(self.spared):
+        if agreed and not best.is_split(spared):
             return ballots, best, bool(best.axes.sums.far()[SHORT, best.left[0]] > VOTE.own)
         least = max(VOTE.gain, best.gain + VOTE.suspect) if agreed else VOTE.gain
         together = [one for one in ballots if one.gain > least and one.disagreement <= VOTE.disagree]

@@ -49,6 +49,8 @@ class VoteSettings:
     disagree: float = 3.5  # [-] mean square of whitened innovations of a sensor that does not agree with the others
     nearly: float = 0.35  # [-] share of the largest gain, from which on another axis may be the wrong one
     suspect: float = 30.0  # [-] gain from which on an axis is asked about again soon
+    # [-] share of what an axis read beyond its noise, at most, that is left where another sensor is what was wrong
+    unexplained: float = 0.5
     largest_square: float = 36.0  # [-] of a whitened innovation, beyond which it counts no more
 
     # An appeal of an axis that is out.
