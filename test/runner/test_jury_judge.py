@@ -7,6 +7,9 @@ import numpy as np
 from drives import IMU, WHEELS, feed, messages, seconds
 from vsense_ros.evaluate import faults
 from vsense_ros.evaluate.faults import ACCELEROMETER, GYRO, Change, Fault
+from vsense_ros.files.installed import vehicle_path
+from vsense_ros.files.vehicle import load_vehicle
+from vsense_ros.manoeuvre import generate
 from vsense_ros.messages.recording import Recording
 from vsense_ros.model.vehicle import Vehicle
 from vsense_ros.runner import Runner
@@ -56,3 +59,29 @@ def test_an_inertial_sensor_of_which_all_axes_are_wrong_is_left_out_as_a_whole(
     assert len(list(runner.vote.out)) == 6
     assert lateral_error(runner, drive) < 0.3
     assert "wheel_speeds" not in lines(runner)["observer"]
+
+
+def test_wheels_that_slip_are_not_accused_of_what_an_inertial_sensor_that_is_turned_reads() -> None:
+    plant, model = (load_vehicle(vehicle_path(f"prototype_{name}")) for name in ("real", "model"))
+    turned = (faults.turned(field, (1, 0, 2), (1.0, -1.0, 1.0)) for field in (GYRO, ACCELEROMETER))
+    drive = broken(generate("accelerate_and_brake", plant, 46), IMU, 5.0, np.inf, *turned)
+    stream, runner, heard = messages(drive, 13.0), Runner(model, drive.map_origin), 0.0
+    for end in (9.0, 11.5, 13.0):  # full throttle, at which wheels slip; coasting; braking
+        feed(runner, (s for s in stream if heard <= seconds(drive, s) < end))
+        heard = end
+        assert lines(runner)["wheel_speeds"] == "in use"
+        assert lateral_error(runner, drive) < 0.5
+        assert "turned around" not in lines(runner)["observer"]
+
+
+def test_a_gyro_that_drifts_away_is_left_out_before_the_force_that_it_makes_speaks_for_it(
+    vehicle: Vehicle, lane_change: Recording
+) -> None:
+    drive = broken(lane_change, IMU, 3.5, np.inf, faults.added(GYRO, (2,), 0.3, rise=2.0))
+    stream, runner = messages(drive, 9.0), Runner(vehicle, drive.map_origin)
+    feed(runner, (s for s in stream if seconds(drive, s) < 4.4))
+    assert "without imu yaw rate" in lines(runner)["observer"]
+    assert lateral_error(runner, drive) < 0.1
+    feed(runner, (s for s in stream if seconds(drive, s) >= 4.4))
+    assert "lateral tyre forces" not in lines(runner)["observer"]
+    assert lateral_error(runner, drive) < 0.1

@@ -5,7 +5,7 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
-from math import isfinite
+from math import isfinite, nan
 from typing import NamedTuple
 
 import numpy as np
@@ -110,10 +110,14 @@ class Judge(ABC):
 class Judges:
     """All judges of one car, those of `judges` that have their sensors; they hear messages before these act.
 
+    `frozen(sensor)` are the places of axes of an inertial sensor that are frozen: they feel nothing.
     `apart` is the widest of what was undecided for any of them when they last looked; None for nothing.
     """
 
-    def __init__(self, sensors: Sequence[SensorBase], judges: Iterable[Judge]) -> None:
+    def __init__(
+        self, sensors: Sequence[SensorBase], judges: Iterable[Judge], frozen: Callable[[int], list[int]]
+    ) -> None:
+        self._frozen = frozen
         self._judges = tuple(judge for judge in judges if judge.judged)
         inertial, wheels = (place_of(sensors, what) for what in ("rates and forces", "rolling speed"))
         self._inertial, self._wheels = (inertial, wheels) if self._judges else (-1, -1)
@@ -189,7 +193,9 @@ class Judges:
             for roll in self._roll:
                 roll(rolled)
         if block and 0 <= passed < JUDGES.longest:
-            felt = self._into_car(np.add.reduce(block) / len(block)).tolist()
+            mean = np.add.reduce(block) / len(block)
+            mean[self._frozen(self._inertial)] = nan
+            felt = self._into_car(mean).tolist()
             for judge in self._judges:
                 judge.feel(stamp, passed * 1e-9, felt)
 

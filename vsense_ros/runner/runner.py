@@ -87,7 +87,10 @@ class Runner:
         self.health = self.intake.health
         channels = adapter.channels()
         self.vote = Vote(adapter, channels, others_there=self._others_there, by_hand=self._move, report=self._complain)
-        direction = DirectionJudge(adapter, lambda stamp, sentence: self.resets.report(stamp, sentence))
+        steering = SteeringJudge(adapter, self.vote, len(channels), self._complain)
+        direction = DirectionJudge(
+            adapter, lambda *turned: self.resets.report(*turned), steering.out, self.vote.left_out
+        )
         self.latency = LatencyJudge(adapter, self.vote, len(channels))
         self._leap = LeapJudge(adapter, self.intake)
         judges = (
@@ -101,12 +104,12 @@ class Runner:
             ReceiverJudge(adapter),
             OutageJudge(adapter, self.intake),
             direction,
-            SteeringJudge(adapter, self.vote, len(channels), self._complain),
+            steering,
             TravelJudge(adapter, self.intake, self.vote, direction, len(channels)),
             VelocityJudge(adapter),
             SlipJudge(adapter),
         )
-        self.judges = Judges(tuple(self.sensors.values()), judges)
+        self.judges = Judges(tuple(self.sensors.values()), judges, self.vote.frozen)
         self._timeline = Timeline(
             self.filter,
             [*channels, Channel("shift", 0.0, by_hand=True)],
@@ -402,11 +405,12 @@ class Runner:
         return self.adapter.moving
 
     def _others_there(self) -> bool:
-        """True if a sensor that is believed measures the car's motion besides inertial sensors."""
+        """True if a sensor that is believed measures the car's motion besides inertial sensors: on the map only once it
+        is known where the car points, as nothing is to be learnt of its motion from there before."""
         return any(
             not sensor.is_input and i not in self.vote.axes and not self.health[i].contradicts and self.intake.sends(i)
             for i, sensor in enumerate(self.intake.sensors)
-            if not any(i in judge.out for judge in self.judges)
+            if (self.heading_known or not sensor.on_map) and not any(i in judge.out for judge in self.judges)
         )
 
     def _all_believed(self) -> bool:
