@@ -98,6 +98,19 @@ EARLIER_SCORES = {
     "doubles_both": "both of two",
     "cpu_seconds_per_100_s": "computing per 100 s [s]",
 }
+SEVERAL_HEAD = """Cars with three to six of these at once, or with none, on rich and everyday manoeuvres
+(`--kind several`):
+"""
+SEVERAL_SCORES = {
+    "precision_of_names": ("names that are right", "≥ 0.95"),
+    "recall_of_detectable": ("named, of what can be detected", "≥ 0.85"),
+    "answers_with_a_wrong_name": ("answers with a wrong name", ""),
+    "false_names_with_nothing_hidden": ("the same, with nothing hidden", "≤ 0.02"),
+    "where_right": ("right wheel, axle, axis or sensor", ""),
+    "size_error_median": ("error of the parameter, median", "≤ 0.05"),
+    "explained_share_median": ("explained of what the hidden effects explain, held out, median", "≥ 0.92"),
+    "cpu_seconds_per_100_s": ("seconds of computing per 100 s", "≤ 15"),
+}
 POOLED = 4  # releases that the last row counts together
 SCORES = {
     "top1": ("named first, of what can be detected", "≥ 0.90"),
@@ -286,6 +299,10 @@ def examination(found: dict[str, Any]) -> list[str]:
     parts = {ABLATIONS[name]: _sets(part)["rich"] for name, part in found["ablations"].items() if "rich" in _sets(part)}
     if parts:
         rows += ["", ABLATIONS_HEAD, *_columns({"whole": sets["rich"]} | parts)]
+    if several := found.get("several"):
+        rows += ["", _filled(SEVERAL_HEAD), "", "| | asked | |", "|---|---|---|"]
+        table = SEVERAL_SCORES.items()
+        rows += [f"| {words} | {least} | {_cell(several.get(score, {}))} |" for score, (words, least) in table]
     if earlier := found["earlier"]:
         rows += ["", _filled(EARLIER_HEAD.format(pooled=POOLED)), "", *_earlier(earlier, found)]
     return [*rows, ""]
