@@ -119,7 +119,7 @@ SCORES = {
     "false_alarms": ("false alarms with nothing hidden", "≤ 0.03"),
     "answer_set_coverage": ("truth in the answer set", "≥ 0.95"),
     "answer_set_size": ("mean size of the answer set", "≤ 1.6"),
-    "inseparable_covered": ("all that cannot be told apart in the set", ""),
+    "inseparable_covered": ("effects that leave the same traces all in the set", ""),
     "unknown_recall": ("`unknown` where it is outside the library", "≥ 0.8"),
     "unknown_of_detectable": ("the same, of what can be detected", ""),
     "recovery_median": ("recovery, median", "≥ 0.95"),

@@ -21,15 +21,15 @@ from vsense_ros.runner import Runner
 Array = NDArray[np.float64]
 PLACE = 48.0, 11.0, 500.0
 # Times [s], speeds [m/s] and angles of the road wheels [rad]: ahead through a bend, a stop, and back through one.
-TIMES = (0.0, 2.0, 5.0, 9.0, 11.0, 13.0, 15.5, 24.0)
+TIMES = (0.0, 2.0, 5.0, 9.0, 11.0, 13.0, 15.5, 40.0)
 SPEEDS = (0.0, 0.0, 6.0, 6.0, 0.0, 0.0, -4.0, -4.0)
-TURNING = (0.0, 5.0, 6.0, 8.0, 9.0, 15.0, 16.0, 24.0)
-ANGLES = (0.0, 0.0, 0.12, 0.12, 0.0, 0.0, 0.15, 0.15)
+TURNING = (0.0, 5.0, 6.0, 8.0, 9.0, 15.0, 16.0, 40.0)
+ANGLES = (0.0, 0.0, 0.12, 0.12, 0.0, 0.0, 0.2, 0.2)
 
 
 def backing_up(vehicle: Vehicle, like: Recording, *, signed: bool) -> tuple[Recording, Array]:
-    """The drive as the sensors of a recording would have measured it without noise to speak of, with its headings
-    (n,) at 1 kHz [rad]; wheel speeds have a sign or not."""
+    """The drive as the sensors of a recording would have measured it, with little noise, and its headings (n,) at
+    1 kHz [rad]; wheel speeds have a sign or not."""
     numbers, physics = car_numbers(vehicle), vehicle.physics
     to_rear, length = numbers["to_rear"], numbers["to_rear"] + numbers["to_front"]
     t = np.arange(0.0, TIMES[-1], 1e-3)

@@ -30,7 +30,7 @@ from vsense_ros.estimation.timeline import Event, Timeline
 from vsense_ros.model.handling.base import car_numbers
 from vsense_ros.model.sensors import place_of
 from vsense_ros.runner.adapter import Adapter
-from vsense_ros.runner.judge import Judge, into_axes_of_car
+from vsense_ros.runner.judge import Judge, Rolled, into_axes_of_car
 
 
 @dataclass(frozen=True)
@@ -87,8 +87,7 @@ class DirectionJudge(Judge):
         self._course = place_of(sensors, "course")
         self._on_map = frozenset(i for i, sensor in enumerate(sensors) if sensor.on_map)
         self.hears = frozenset((self._steering, self._wheels)) | self._on_map
-        axles = adapter.vehicle.physics.front, adapter.vehicle.physics.rear
-        self._radius = 0.5 * sum(axle.unloaded_radius for axle in axles)
+        self._sensors = sensors
         self.reversed = False
         numbers = car_numbers(adapter.vehicle)
         self._length = numbers["to_front"] + numbers["to_rear"]
@@ -123,7 +122,7 @@ class DirectionJudge(Judge):
         if self._opposed >= DIRECTION.opposed:
             self.reverse()
             self._opposed = 0.0
-        if self.evidence < DIRECTION.wrong:
+        elif self.evidence < DIRECTION.wrong:
             timeline.catch_up()
             if self._wheels >= 0:
                 self.reverse()
@@ -143,14 +142,16 @@ class DirectionJudge(Judge):
     def hear(self, event: Event) -> None:
         if self.reversed and event.sensor == self._wheels:
             event.value = -event.value
-        if event.sensor == self._wheels:
-            self._rolled = self._radius * float(np.median(event.value))
-        elif event.sensor == self._steering:
+        if event.sensor == self._steering:
             self._angle = event.value.item(0)
         if event.sensor in self._on_map:
             self._located = True
         if event.sensor == self._course:
             self._velocity = event.value.tolist()
+
+    def roll(self, rolled: Rolled) -> None:
+        speed = self._sensors[self._wheels].first_speed(rolled.newest.value, self._adapter.vehicle.physics)
+        self._rolled = nan if speed is None else speed
 
     def feel(self, stamp: int, h: float, felt: list[float]) -> None:
         rate, along, across = self._sums

@@ -166,7 +166,10 @@ class Recount:
             return None
         found, most = None, max(VOTE.gain_with_own, best.gain if len(best.left) > 1 else 0.0)
         for index in candidates:
-            without = self._scores((index, list(range(everybody[index].shape[1])))) if index in everybody else None
+            if index not in everybody:
+                continue
+            whole = index, list(range(everybody[index].shape[1]))
+            without = self._scores(whole)
             if without is None:
                 continue
             gain = more = disagreement = 0.0
@@ -179,22 +182,23 @@ class Recount:
                 gain += float((everybody[i] - score)[0].sum())
                 more += float((alone[i] - score)[0, common].sum())
             agree = gain > most and more > 0.0 and disagreement < VOTE.disagree
-            if agree and self._explains(index, best):
+            if agree and self._explains(whole, best, everybody, without):
                 found, most = index, gain
         return found
 
-    def _explains(self, index: int, best: Ballot) -> bool:
-        """True if what the axes of a ballot read beyond their noise is gone for the most part without a sensor; what
-        was refused of a single axis counts, too."""
-        everybody = self.everybody
-        assert everybody is not None
-        axes, believed = best.axes.index, (best.axes.index, best.left[0]) if len(best.left) == 1 else None
-        left_out = (index, list(range(everybody[index].shape[1])))
-        before, after = self._scores(None, believed=believed), self._scores(left_out, believed=believed)
-        if before is None or after is None or axes not in before or axes not in after:
+    def _explains(self, whole: tuple[int, list[int]], best: Ballot, before: Scores, after: Scores) -> bool:
+        """True if what the axes of a ballot read beyond their noise is gone for the most part without a `whole` sensor,
+        by the scores with it and without it; what was refused of a single axis counts, too."""
+        if len(best.left) == 1:
+            refused = best.axes.index, best.left[0]
+            with_it, without_it = self._scores(None, believed=refused), self._scores(whole, believed=refused)
+            if with_it is None or without_it is None:
+                return False
+            before, after = with_it, without_it
+        if best.axes.index not in before or best.axes.index not in after:
             return False
-        most = VOTE.unexplained * _beyond_noise(before[axes], best.left)
-        return _beyond_noise(after[axes], best.left) <= most
+        first, left = (_beyond_noise(scores[best.axes.index], best.left) for scores in (before, after))
+        return left <= VOTE.unexplained * first
 
     def _scores(
         self,

@@ -405,8 +405,8 @@ class Runner:
         return self.adapter.moving
 
     def _others_there(self) -> bool:
-        """True if a sensor that is believed measures the car's motion besides inertial sensors: on the map only once it
-        is known where the car points, as nothing is to be learnt of its motion from there before."""
+        """True if a sensor that is believed measures the car's motion besides inertial sensors. GNSS counts once the
+        heading is known: before that it does not tell how the car moves along and across itself."""
         return any(
             not sensor.is_input and i not in self.vote.axes and not self.health[i].contradicts and self.intake.sends(i)
             for i, sensor in enumerate(self.intake.sensors)

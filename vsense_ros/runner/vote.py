@@ -19,7 +19,8 @@ of the car. An axis of an inertial sensor, a gyro or an accelerometer, is judged
    measurements gains (Schweppe 1965). A right axis helps to predict the others, so that Δ is negative; Δ > `gain` is
    evidence of more than 10¹⁹ to 1. Less will do, `gain_with_own`, of an axis whose own innovations of the last 0.2 s
    add up to `own` standard deviations: two tests then say the same. The filter then goes back to before the
-   contradiction, and on without the axis.
+   contradiction, and on without the axis. Where the others scatter by more than they state, Δ is too large by the mean
+   square of their whitened innovations, and `gain` is multiplied by that.
 
 Deviations are those that innovations usually have (`sums`): no filter of a real car is as good as it states.
 
@@ -28,9 +29,10 @@ contradict each other, or the model between them is wrong. If the readings that 
 lose more than `suspect`, the model is wrong and not the axis: a gyro that is wrong is contradicted by all wheels, not
 by those of one axle. And while the lateral forces are known not to be those of the vehicle file (`force_judge`), the
 yaw rate is out only if GNSS alone says so, by `gain`, or by `suspect` and a quarter of the whole gain: all other
-sensors contradict it through that model. All of a sensor is out where the others do not agree about a single axis, and
-gain more, by `suspect`, without all of them. Until it is decided who is wrong, the lateral velocity that is published
-is as uncertain as it is large: a wrong gyro integrates to it (`jury_judge`).
+sensors contradict it through that model. For the first `look_back` of an alarm that has to have been known before it,
+because a gyro that is wrong makes the forces seem so. All of a sensor is out where the others do not agree about a
+single axis, and gain more, by `suspect`, without all of them. Until it is decided who is wrong, the lateral velocity
+that is published is as uncertain as it is large: a wrong gyro integrates to it (`jury_judge`).
 
 A vote needs somebody to agree with: where nothing but inertial sensors is there, nobody is taken out. One who is out
 may be right, and the filter wrong: it appeals (`appeal`). It is asked on, too: once its innovations are as they should
