@@ -5,8 +5,11 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from drives import IMU
 from studies.thesis import KINDS, driven, observe, observing
 from vsense_ros.bag.importers import import_recording
+from vsense_ros.evaluate import faults
+from vsense_ros.evaluate.faults import GYRO, Fault
 from vsense_ros.evaluate.metrics import align
 from vsense_ros.evaluate.signals import read_signals
 from vsense_ros.files.installed import shared_folder, vehicle_path
@@ -68,6 +71,19 @@ def left_out(recording: Recording, observer: Runner) -> set[str]:
 def test_a_right_gyro_stays_in_with_twice_the_mass() -> None:
     recording = import_recording(shared_folder("bags") / "double_lane_change")
     assert "imu yaw rate" not in left_out(recording, Runner(car(mass=2.0)))
+
+
+def test_a_gyro_that_drifts_away_slowly_makes_no_lateral_velocity_that_is_surer_than_it_is_right() -> None:
+    whole = import_recording(shared_folder("bags") / "double_lane_change")
+    drift = faults.added(GYRO, (2,), 0.1, rise=2.0)
+    recording = Fault("", (IMU,), drift, 5.2, np.inf).of(whole).between(0.0, 9.0)
+    output = run(recording, car(), rate=50.0).output
+    estimates, truths = (read_signals(one, what) for one, what in ((output, "vsense"), (recording, "reference")))
+    found = align(estimates["lateral_velocity"], truths["lateral_velocity"])
+    drifts = found.stamp > recording.start + 5_200_000_000
+    error = np.abs(found.error[drifts, 0])
+    assert error.max() > 0.5  # it has done harm, which no other sensor shows at once
+    assert (error < np.maximum(0.3, 3 * found.deviation[drifts])).all()
 
 
 @pytest.mark.exam

@@ -85,3 +85,27 @@ def test_a_gyro_that_drifts_away_is_left_out_before_the_force_that_it_makes_spea
     feed(runner, (s for s in stream if seconds(drive, s) >= 4.4))
     assert "lateral tyre forces" not in lines(runner)["observer"]
     assert lateral_error(runner, drive) < 0.1
+
+
+def test_wheels_that_are_as_fast_as_gnss_are_not_accused_while_an_inertial_sensor_is_turned(
+    vehicle: Vehicle, lane_change: Recording
+) -> None:
+    turned = (faults.turned(field, (1, 0, 2), (1.0, -1.0, 1.0)) for field in (GYRO, ACCELEROMETER))
+    drive = broken(lane_change, IMU, 0.0, 5.0, *turned)
+    stream, runner, heard = messages(drive, 7.0), Runner(vehicle, drive.map_origin), 0.0
+    for end in np.arange(3.0, 7.0, 0.25):
+        feed(runner, (s for s in stream if heard <= seconds(drive, s) < end))
+        heard = end
+        assert lines(runner)["wheel_speeds"] == "in use"
+        assert lateral_error(runner, drive) < 1.0
+    assert lateral_error(runner, drive) < 0.3
+
+
+def test_wheels_that_are_half_as_fast_as_gnss_are_left_out_and_no_axis() -> None:
+    plant, model = (load_vehicle(vehicle_path(f"prototype_{name}")) for name in ("real", "model"))
+    drive = broken(
+        generate("accelerate_and_brake", plant, 46), WHEELS, 5.0, np.inf, faults.scaled("velocity", (0, 1, 2, 3), 0.5)
+    )
+    runner = feed(Runner(model, drive.map_origin), messages(drive, 6.0))
+    assert lines(runner)["wheel_speeds"].startswith("not believed")
+    assert not list(runner.vote.out)

@@ -64,12 +64,15 @@ class ForceJudge(Judge):
     @property
     def missing(self) -> float:
         """Lateral force that the model lacks beyond what is usual, over the mass [m/s²]; 0 for none."""
-        unusual = FORCES.unusual * self._adapter.lateral_force_error
-        return sqrt(self._largest) if self._largest > unusual**2 else 0.0
+        return self._unusual(sqrt(self._largest))
+
+    def _unusual(self, force: float) -> float:
+        return force if force > FORCES.unusual * self._adapter.lateral_force_error else 0.0
 
     @property
     def apart(self) -> Apart | None:
-        missing = self.missing
+        # The mean is behind a force that grows, as where a gyro drifts away.
+        missing = max(self.missing, self._unusual(abs(self._adapter.missing_lateral_force)))
         if not missing:
             return None
         speed = max(abs(self._adapter.forward_speed), FORCES.slowest)

@@ -5,21 +5,37 @@ without a receiver, better than without the axis (`recount`). It is then that se
 back to before the contradiction and on without it, and believes axes again that were left out meanwhile. Its newest
 message is held against what the filter expects; once they have agreed for a while, twice as long each time, it is
 believed.
+
+Wheels and a receiver that give the same speed are not accused, as nothing wrong is common to both: where all axes of an
+inertial sensor are wrong at once, the filter agrees with it rather than with them.
 """
 
 from __future__ import annotations
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
+from math import nan
 
 from vsense_ros.estimation.intake import Intake
 from vsense_ros.estimation.timeline import Channel, Event, Timeline
 from vsense_ros.messages.diagnostic import Level
-from vsense_ros.model.sensors import SensorBase
+from vsense_ros.model.sensors import SensorBase, place_of
 from vsense_ros.runner.adapter import Adapter, Apart
-from vsense_ros.runner.judge import Judge, widening_event
+from vsense_ros.runner.judge import Judge, Rolled, widening_event
+from vsense_ros.runner.steering_judge import axis_of_yaw_rate
 from vsense_ros.runner.velocity_witnesses import SETTINGS
 from vsense_ros.runner.vote import Vote
 from vsense_ros.runner.vote_settings import VOTE
+
+
+@dataclass(frozen=True)
+class JurySettings:
+    """When speeds are the same: decisions of this project, as are `share` and `speed` of the velocity witnesses."""
+
+    oldest: int = 300_000_000  # [ns] of a speed over ground, and
+    acceleration: float = 10.0  # [m/s²] by which a car may have changed it since
+
+
+JURY = JurySettings()
 
 
 class JuryJudge(Judge):
@@ -39,6 +55,10 @@ class JuryJudge(Judge):
         sensors = enumerate(intake.sensors)
         self.hears = frozenset(i for i, one in sensors if not one.is_input and one.measures.intersection(moving))
         self.judged = adapter.knows_car and len(self.hears) > 1 and bool(vote.axes)
+        self._wheels, self._course = (place_of(intake.sensors, what) for what in ("rolling speed", "course"))
+        self._yaw_rate = axis_of_yaw_rate(intake.sensors)
+        self._rolled = nan  # speed by the newest wheel speeds [m/s]
+        self._travelled = 0, nan  # newest speed over ground [m/s], with its stamp [ns]
         self._newest: dict[int, Event] = {}  # message of each that is out
         self._agreed: dict[int, int] = {}  # since when it has agreed [ns], 0: it does not
         self._wait: dict[int, int] = {}  # how long it must agree next time [ns]
@@ -68,12 +88,28 @@ class JuryJudge(Judge):
     def doubts(self) -> list[str]:
         return ["sensors contradict each other"] if self._undecided else []
 
-    def _accusable(self) -> list[int]:
-        """Places of sensors that may be found to be wrong: two others that measure the motion are there then."""
+    def _accusable(self, index: int, axes: list[int]) -> list[int]:
+        """Places of sensors that may be found to be wrong, where axes of the inertial sensor at a place seem to be: two
+        others that measure the motion are there then. Of how the car turns wheels say something by their differences,
+        which no speed over ground confirms."""
         there = [i for i in self.hears if self._intake.sends(i) and i not in self.out]
-        return there if len(there) > 2 - len(self._vote.axes) else []
+        if len(there) <= 2 - len(self._vote.axes):
+            return []
+        if {(index, axis) for axis in axes} == self._yaw_rate or not self._same_speed():
+            return there
+        return [i for i in there if i not in (self._wheels, self._course)]
+
+    def _same_speed(self) -> bool:
+        """True if wheels and receiver, neither of which is out, give the same speed now."""
+        stamp, travelled = self._travelled
+        age = self._adapter.timeline.stamp - stamp
+        if self.out & {self._wheels, self._course} or not 0 <= age <= JURY.oldest:
+            return False
+        margin = SETTINGS.speed + SETTINGS.share * travelled + JURY.acceleration * age * 1e-9
+        return abs(abs(self._rolled) - travelled) < margin
 
     def forget(self, stamp: int) -> None:
+        self._rolled, self._travelled = nan, (0, nan)
         self._newest.clear()
         self._agreed.clear()
 
@@ -81,6 +117,13 @@ class JuryJudge(Judge):
         if event.sensor in self.out:
             self._newest[event.sensor] = replace(event, value=event.value.copy())
             event.without(list(range(len(event.value))))
+        elif event.sensor == self._course:
+            speed = self._intake.sensors[self._course].first_speed(event.value, self._adapter.vehicle.physics)
+            self._travelled = event.stamp, nan if speed is None else speed
+
+    def roll(self, rolled: Rolled) -> None:
+        speed = self._intake.sensors[self._wheels].first_speed(rolled.newest.value, self._adapter.vehicle.physics)
+        self._rolled = nan if speed is None else speed
 
     def feel(self, stamp: int, h: float, felt: list[float]) -> None:
         """Nothing is to be known of inertial sensors."""

@@ -103,7 +103,8 @@ class Vote:
         self._spared_before = self.spared  # these at the time of the alarm, and when that was raised [ns]
         self._raised = 0
         self.wait = False  # True while something else may be wrong, and no axis is left out
-        self.jury: Callable[[], list[int]] = list  # places of whole sensors that may be what is wrong
+        # Places of whole sensors that may be what is wrong, where axes of a sensor at a place seem to be.
+        self.jury: Callable[[int, list[int]], list[int]] = lambda index, axes: []
         self.accused: int | None = None  # the one of them that a vote has found to be
         self.undecided = False  # True while an axis is suspect, and the others do not agree that it is wrong
         self.doubted = False  # True once several axes were wrong at once, which has drawn the filter anywhere
@@ -446,19 +447,19 @@ class Vote:
 
     def _jump_of_another(self, timeline: Timeline, since: int) -> bool:
         """True if axes seem to have jumped because the steering angle or a whole sensor has."""
-        if self._adapter.steering_error is None and not self.jury():
+        axes, axis, _ = self._jumped[0]
+        if self._adapter.steering_error is None and not self.jury(axes.index, [axis]):
             return False
         recount = self._recount(timeline, since)
         if recount.everybody is None:
             return False
-        axes, axis, _ = self._jumped[0]
         return self._is_another(recount, recount.without(axes, [axis]))
 
     def _is_another(self, recount: Recount, best: Ballot) -> bool:
         """True if steering or a whole sensor explain better than an axis what contradicts; the sensor is accused."""
         if recount.steering_explains(best):
             return True
-        self.accused = recount.wrong_sensor(best, self.jury())
+        self.accused = recount.wrong_sensor(best, self.jury(best.axes.index, best.left))
         return self.accused is not None
 
     def _recount(self, timeline: Timeline, since: int) -> Recount:
