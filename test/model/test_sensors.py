@@ -12,6 +12,8 @@ from hypothesis import strategies as st
 from numpy.testing import assert_allclose
 from scipy.spatial.transform import Rotation
 
+from vsense_ros.files.installed import vehicle_path
+from vsense_ros.files.vehicle import load_vehicle
 from vsense_ros.model.car.car import Car
 from vsense_ros.model.car.kinematics import motion_of
 from vsense_ros.model.coordinates import INPUTS
@@ -299,3 +301,13 @@ def test_a_wheel_that_reads_zero_may_turn_as_fast_as_its_sensor_does_not_measure
 def test_a_steering_message_gives_the_road_wheel_angle(sensor, names, position, expected):
     out, _ = read(sensor, names, position=position)
     assert_allclose(out, [expected])
+
+
+@given(speed=st.floats(1.0, 60.0), wheel=st.integers(0, 3), reads=st.floats(-1e3, 1e3) | st.just(float("nan")))
+def test_the_speed_at_start_is_that_of_three_wheels_whatever_the_fourth_reads(
+    speed: float, wheel: int, reads: float
+) -> None:
+    physics = load_vehicle(vehicle_path("prototype_model")).physics
+    spins = np.full(4, speed / physics.rear.unloaded_radius)
+    spins[wheel] = reads
+    assert_allclose(WheelSpeeds().first_speed(spins, physics), speed, rtol=0.03)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from statistics import median
 from typing import ClassVar, Literal
 
 import casadi as ca
@@ -123,8 +124,9 @@ class WheelSpeeds(JointSensor):
         return joint_state(self.field, drive.digitized(measured), self.joints)
 
     def first_speed(self, value: Vector, physics: NominalPhysics) -> float | None:
+        """By the median of the wheels that are there, of which one may be wrong."""
         present = [spin for spin in value.tolist() if spin == spin]
-        return sum(present) / len(present) * physics.rear.unloaded_radius * LOADED if present else np.nan
+        return median(present) * physics.rear.unloaded_radius * LOADED if present else np.nan
 
     def first_velocities(self, value: Vector) -> dict[int, float]:
         return {SPIN.start + i: spin for i, spin in enumerate(value.tolist()) if np.isfinite(spin)}
