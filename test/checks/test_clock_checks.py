@@ -286,3 +286,14 @@ def test_messages_with_the_stamp_of_the_one_before_or_out_of_order_are_no_copies
     swapped[[20, 21]] = 21, 20
     assert list(repeated(recorded(replace(in_turn, stamp=in_turn.stamp[swapped])), [])) == []
     assert list(repeated(recorded(channel.select(slice(0, 5))), [])) == []
+
+
+def test_a_lateral_acceleration_that_is_later_than_the_gyro_beside_it_is_said_to_be():
+    signals = Drive(duration=60.0).signals()
+    assert list(lags(subject_of(signals), [])) == []
+    rows = round(0.6 / STEP)
+    signals["ay"] = np.concatenate([np.full(rows, signals["ay"][0]), signals["ay"][:-rows]])
+    (finding,) = lags(subject_of(signals), [])
+    assert (finding.topic, finding.reason, finding.signal) == (IMU, Reason.GAINS_LATE, "linear_acceleration.y")
+    assert finding.evidence.keys() == {VELOCITY, WHEELS}
+    assert all(0.5 < seconds < 0.7 for seconds in finding.evidence.values())

@@ -70,6 +70,9 @@ class ClockSettings:
     gaining_correlation: float = setting(0.87, "-", "of them at the best lag")
     gaining_explained: float = setting(3.0, "-", "times less unexplained variance with the lag than without one")
     gaining_lag: float = setting(0.6, "s", "that accelerometer and speed may be apart", JUDGEMENT)
+    cornering_span: float = setting(0.5, "s", "of means in which lateral accelerations are compared", JUDGEMENT)
+    cornering: float = setting(0.3, "m/s²", "standard deviation of them that shows a lag", JUDGEMENT)
+    cornering_lag: float = setting(0.3, "s", "that accelerometer and turning may be apart", "a body rolls within 0.2 s")
     slack: float = setting(1.0, "s", "by which a topic may begin or end beside the others", JUDGEMENT)
     slack_periods: float = setting(5.0, "-", "or so many of its periods", JUDGEMENT)
     moved_alike: float = setting(0.3, "s", "within which begin and end are moved by the same")
@@ -110,6 +113,7 @@ def lags(subject: Subject, earlier: Sequence[Finding]) -> Iterator[Finding]:
         )  # fmt: skip
     blamed = {finding.topic for finding in earlier} | {topics[Role(late)] for late in (*blame.wrong, *blame.undecided)}
     yield from _late_gains(motion, topics, blamed)
+    yield from _late_across(motion, topics, blamed)
     if not blamed & {topics[Role.VELOCITY], topics[Role.POSITION]}:
         yield from _position_lag(motion, topics, any(agree and _GNSS in pair for pair, agree in pairs.items()))
 
@@ -208,6 +212,35 @@ def _late_gains(motion: Motion, topics: Topics, blamed: Set[str]) -> Iterator[Fi
         yield Finding(
             imu, Kind.LAG, Reason.GAINS_LATE, "linear_acceleration.x", against=", ".join(behind), evidence=behind,
             confidence=Confidence.LIKELY if len(behind) > 1 else Confidence.UNDECIDED,
+        )  # fmt: skip
+
+
+def _late_across(motion: Motion, topics: Topics, blamed: Set[str]) -> Iterator[Finding]:
+    """An accelerometer that feels much later than the gyro beside it and all others how the car turns at its speed."""
+    s, signals = SETTINGS, motion.signals
+    if "ay" not in signals or GYRO not in motion.turns:
+        return
+
+    def changes(values: Array) -> Array:
+        return signals.smooth(values, s.cornering_span) - signals.smooth(values, s.gaining_sway)
+
+    felt, imu, behind = changes(signals.signals["ay"]), topics[ROLE_OF[ACCELEROMETER]], {}
+    for other in (GYRO, GNSS, WHEELS):
+        if other not in motion.turns or (other != GYRO and topics[ROLE_OF[other]] in blamed):
+            continue
+        expected = changes(motion.speed * motion.turns[other])
+        if spread(expected) < s.cornering:
+            continue
+        matched = match(felt, expected, signals.step, LONG_LAGS)
+        alike = matched is not None and matched.best > s.gaining_correlation and matched.explained > s.gaining_explained
+        if matched is None or not alike or matched.lag < s.cornering_lag:
+            return
+        behind[topics[ROLE_OF[other]]] = matched.lag
+    others = {topic: lag for topic, lag in behind.items() if topic != imu}
+    if imu in behind and others and imu not in blamed:
+        yield Finding(
+            imu, Kind.LAG, Reason.GAINS_LATE, "linear_acceleration.y", against=", ".join(others), evidence=others,
+            confidence=Confidence.LIKELY if len(others) > 1 else Confidence.UNDECIDED,
         )  # fmt: skip
 
 
