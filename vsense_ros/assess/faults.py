@@ -84,7 +84,10 @@ def observe(recording: Recording, vehicle: Vehicle, filter: str = "") -> Run:
                     lines.append(((now - recording.start) * 1e-9, line))
         if runner.started and runner.stamp >= last + 9_990_000:
             last = runner.stamp
-            odometry = runner.estimate()[0].values
+            estimate = runner.estimate()
+            if not estimate:  # the filter has just been given up, and waits for a start
+                continue
+            odometry = estimate[0].values
             twist, pose = (odometry[name].reshape(6, 6) for name in ("twist_covariance", "pose_covariance"))
             deviations = np.sqrt([twist[1, 1], *pose.diagonal()[:2]])
             rows.append((last, odometry["linear"][1], *odometry["position"][:2], *deviations))
