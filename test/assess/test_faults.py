@@ -9,6 +9,7 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
+from drives import WHEELS
 from marks import exam_except
 from vsense_ros.assess.faults import CASES, CIRCLE, LANE_CHANGE, RAV4, STEP, Case, concerns, drive, examine, observe
 from vsense_ros.bag import datasets
@@ -199,6 +200,22 @@ def test_a_receiver_that_lies_from_the_start_is_outvoted(of: str, too_fast: floa
 def test_a_second_receiver_that_tells_the_truth_is_believed(of: str) -> None:
     said = observe(*_with_second_receiver(of, 0.0)).said["second"]
     assert not any("most sensors say" in line.message for _, line in said)
+
+
+@pytest.mark.parametrize(
+    ("topic", "field", "axes"), [("gps/velocity", "linear", (0, 1)), (WHEELS, "velocity", (0, 1, 2, 3))]
+)
+def test_positions_tell_at_the_start_which_of_two_speeds_is_right(
+    topic: str, field: str, axes: tuple[int, ...]
+) -> None:
+    doubled = Fault("", (topic,), faults.scaled(field, axes, 2.0), 0.0, np.inf)
+    run = observe(doubled.of(drive(LANE_CHANGE)), load_vehicle(vehicle_path("prototype_model")))
+    assert run.t[0] < 1.5
+    assert np.all(np.abs(run.lateral) < np.maximum(0.3, 3 * run.lateral_deviation))
+    assert np.abs(run.lateral).max() < 0.5
+    # Not even at first has the filter gone by the wrong one.
+    name = "velocity" if topic != WHEELS else "wheel_speeds"
+    assert any("most sensors say" in line.message for _, line in run.said[name])
 
 
 def test_a_fault_changes_what_it_says_and_nothing_else() -> None:

@@ -2,14 +2,16 @@
 
 Until the filter knows the speed well, any sensor that measures another one draws it there, and those that are right are
 refused from then on. So in the first seconds sensors of the speed are held against each other: where three or more are
-there, one that differs from the median of all is not believed.
+there, one that differs from the median of all is not believed. Where two are far apart, the way between positions says
+which of them is right.
 """
 
 from __future__ import annotations
 
+from collections import deque
 from collections.abc import Iterable
 from dataclasses import dataclass
-from math import isfinite
+from math import hypot, isfinite
 from statistics import median
 
 import numpy as np
@@ -28,6 +30,9 @@ class BeginningSettings:
     apart: float = 0.05  # of the median of all speeds, and
     apart_at_least: float = 0.5  # [m/s] by which one has to differ from it not to be believed
     fewest: int = 3  # speeds of which one can be seen to be wrong
+    way: float = 0.9  # [s] at least from one position to another whose way tells a speed, and
+    longest_way: float = 2.0  # [s] at most
+    near: float = 0.25  # of how far two speeds are apart, within which the speed of the way is one of them
 
 
 SETTINGS = BeginningSettings()
@@ -55,6 +60,7 @@ class Beginning:
         self._first: dict[int, Event] = {}  # newest measurement of each sensor
         self._gathered: dict[int, int] = {}  # when these arrived [ns]
         self._newest: dict[int, tuple[int, float]] = {}  # stamp [ns] and speed [m/s] that each sensor measured last
+        self._places: deque[tuple[int, float, float]] = deque()  # stamps [ns] of positions, east and north [m]
         self._first_stamp = 0
 
     @property
@@ -66,6 +72,7 @@ class Beginning:
         """Forget all messages and begin anew."""
         self._first.clear()
         self._newest.clear()
+        self._places.clear()
 
     def add(self, event: Event) -> Start | None:
         """Take in a measurement; what to start with, once that is known."""
@@ -91,6 +98,8 @@ class Beginning:
     def doubts(self, event: Event) -> bool:
         """True if a measurement gives another speed than most sensors do; it is then refused."""
         sensor = self._intake.sensors[event.sensor]
+        if "position" in sensor.measures:
+            self._pass(event)
         speed = sensor.first_speed(event.value, self._vehicle.physics)
         if speed is None or not isfinite(speed):
             return False
@@ -103,17 +112,43 @@ class Beginning:
 
     def _differs(self, index: int) -> float | None:
         """The median [m/s] of the speeds that sensors measure, where this one is apart from it and most are not; None
-        otherwise, and where fewer than three measure a speed."""
+        otherwise, and where fewer than three measure a speed, positions among them."""
         latest = self._newest.get(index)
         if latest is None:
             return None
         speeds = [speed for stamp, speed in self._newest.values() if abs(stamp - latest[0]) < LONGEST_GAP * 1e9]
+        if len(speeds) == SETTINGS.fewest - 1 and (travelled := self._of_way(*speeds)) is not None:
+            speeds.append(travelled)
         if len(speeds) < SETTINGS.fewest:
             return None
         middle = median(speeds)
         tolerance = max(SETTINGS.apart_at_least, SETTINGS.apart * middle)
         agree = sum(abs(speed - middle) <= tolerance for speed in speeds)
         return middle if abs(latest[1] - middle) > tolerance and 2 * agree > len(speeds) else None
+
+    def _pass(self, event: Event) -> None:
+        """Keep a position on the map, with those of the last seconds."""
+        east, north = event.value.tolist()[:2]
+        places = self._places
+        if not isfinite(east + north) or (places and event.stamp <= places[-1][0]):
+            return
+        places.append((event.stamp, east, north))
+        while event.stamp - places[0][0] > SETTINGS.longest_way * 1e9:
+            places.popleft()
+
+    def _of_way(self, one: float, other: float) -> float | None:
+        """That of two speeds which the car had on its way between the first and the newest position [m/s]; None where
+        the two are not far apart, or the way does not tell."""
+        apart = abs(one - other)
+        if apart <= SETTINGS.disagreement or not self._places:
+            return None
+        (begin, *first), (end, *last) = self._places[0], self._places[-1]
+        seconds = (end - begin) * 1e-9
+        if seconds < SETTINGS.way:
+            return None
+        travelled = hypot(last[0] - first[0], last[1] - first[1]) / seconds
+        nearest = min(one, other, key=lambda speed: abs(speed - travelled))
+        return nearest if abs(nearest - travelled) < SETTINGS.near * apart else None
 
     def _keep(self, event: Event) -> bool:
         """What is far apart in time, one of them by a wrong clock, does not describe the same start. A clock that
