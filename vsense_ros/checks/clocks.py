@@ -193,54 +193,61 @@ def _speed_lag(motion: Motion) -> dict[tuple[str, str], float]:
 def _late_gains(motion: Motion, topics: Topics, blamed: Set[str]) -> Iterator[Finding]:
     """An accelerometer that feels much later than all others how the car gains speed, whatever is with the gyro beside
     it: filters that smooth it are as slow as that, and what is left of it is alike over seconds alone."""
-    pushes, s = motion.pushes, SETTINGS
-    if ACCELEROMETER not in pushes:
+    s = SETTINGS
+    if ACCELEROMETER not in motion.pushes:
         return
-    means = {name: motion.smooth(values, s.gaining_span) for name, values in pushes.items()}
-    gains = {name: values - motion.smooth(values, s.gaining_sway) for name, values in means.items()}
-    behind = {}
-    for other in (GNSS, WHEELS):
-        if other not in gains or topics[ROLE_OF[other]] in blamed or spread(gains[other]) < s.gaining:
-            continue
-        matched = match(gains[ACCELEROMETER], gains[other], motion.signals.step, LONG_LAGS)
-        alike = matched is not None and matched.best > s.gaining_correlation and matched.explained > s.gaining_explained
-        if matched is None or not alike or matched.lag < s.gaining_lag:
-            return
-        behind[topics[ROLE_OF[other]]] = matched.lag
-    imu = topics[ROLE_OF[ACCELEROMETER]]
-    if behind and imu not in blamed:
-        yield Finding(
-            imu, Kind.LAG, Reason.GAINS_LATE, "linear_acceleration.x", against=", ".join(behind), evidence=behind,
-            confidence=Confidence.LIKELY if len(behind) > 1 else Confidence.UNDECIDED,
-        )  # fmt: skip
+    pushes = {source: _varying(motion, push, s.gaining_span) for source, push in motion.pushes.items()}
+    behind = _behind(motion, topics, blamed, pushes, (GNSS, WHEELS), s.gaining, s.gaining_lag)
+    yield from _late_accelerometer(topics, blamed, "linear_acceleration.x", behind)
 
 
 def _late_across(motion: Motion, topics: Topics, blamed: Set[str]) -> Iterator[Finding]:
     """An accelerometer that feels much later than the gyro beside it and all others how the car turns at its speed."""
-    s, signals = SETTINGS, motion.signals
-    if "ay" not in signals or GYRO not in motion.turns:
+    s = SETTINGS
+    if "ay" not in motion.signals or GYRO not in motion.turns:
         return
+    felt = {
+        source: _varying(motion, motion.speed * turn, s.cornering_span)
+        for source, turn in motion.turns.items()
+        if source in (GYRO, GNSS, WHEELS)
+    }
+    felt[ACCELEROMETER] = _varying(motion, motion.signals.signals["ay"], s.cornering_span)
+    by_gyro = _behind(motion, topics, frozenset(), felt, (GYRO,), s.cornering, s.cornering_lag)
+    if by_gyro:
+        behind = _behind(motion, topics, blamed, felt, (GNSS, WHEELS), s.cornering, s.cornering_lag)
+        yield from _late_accelerometer(topics, blamed, "linear_acceleration.y", behind)
 
-    def changes(values: Array) -> Array:
-        return signals.smooth(values, s.cornering_span) - signals.smooth(values, s.gaining_sway)
 
-    felt, imu, behind = changes(signals.signals["ay"]), topics[ROLE_OF[ACCELEROMETER]], {}
-    for other in (GYRO, GNSS, WHEELS):
-        if other not in motion.turns or (other != GYRO and topics[ROLE_OF[other]] in blamed):
+def _varying(motion: Motion, values: Array, span: float) -> Array:
+    """Means over a span [s], without what lasts: grades, banks and offsets."""
+    means = motion.signals.smooth(values, span)
+    return means - motion.signals.smooth(means, SETTINGS.gaining_sway)
+
+
+def _behind(
+    motion: Motion, topics: Topics, blamed: Set[str], felt: Mapping[str, Array], others: Sequence[str], least: float,
+    lag: float,
+) -> dict[str, float]:  # fmt: skip
+    """By how much accelerations (n,) that an accelerometer has `felt` are later than those by `others` that change by
+    `least` [m/s²] [s], by topic; nothing unless they are alike and later by a `lag` [s] than each of these."""
+    s, behind = SETTINGS, {}
+    for other in others:
+        if other not in felt or topics[ROLE_OF[other]] in blamed or spread(felt[other]) < least:
             continue
-        expected = changes(motion.speed * motion.turns[other])
-        if spread(expected) < s.cornering:
-            continue
-        matched = match(felt, expected, signals.step, LONG_LAGS)
+        matched = match(felt[ACCELEROMETER], felt[other], motion.signals.step, LONG_LAGS)
         alike = matched is not None and matched.best > s.gaining_correlation and matched.explained > s.gaining_explained
-        if matched is None or not alike or matched.lag < s.cornering_lag:
-            return
+        if matched is None or not alike or matched.lag < lag:
+            return {}
         behind[topics[ROLE_OF[other]]] = matched.lag
-    others = {topic: lag for topic, lag in behind.items() if topic != imu}
-    if imu in behind and others and imu not in blamed:
+    return behind
+
+
+def _late_accelerometer(topics: Topics, blamed: Set[str], axis: str, behind: Mapping[str, float]) -> Iterator[Finding]:
+    imu = topics[ROLE_OF[ACCELEROMETER]]
+    if behind and imu not in blamed:
         yield Finding(
-            imu, Kind.LAG, Reason.GAINS_LATE, "linear_acceleration.y", against=", ".join(others), evidence=others,
-            confidence=Confidence.LIKELY if len(others) > 1 else Confidence.UNDECIDED,
+            imu, Kind.LAG, Reason.GAINS_LATE, axis, against=", ".join(behind), evidence=dict(behind),
+            confidence=Confidence.LIKELY if len(behind) > 1 else Confidence.UNDECIDED,
         )  # fmt: skip
 
 

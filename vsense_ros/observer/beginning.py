@@ -99,7 +99,7 @@ class Beginning:
         """True if a measurement gives another speed than most sensors do; it is then refused."""
         sensor = self._intake.sensors[event.sensor]
         if "position" in sensor.measures:
-            self._pass(event)
+            self._keep_place(event)
         speed = sensor.first_speed(event.value, self._vehicle.physics)
         if speed is None or not isfinite(speed):
             return False
@@ -126,7 +126,7 @@ class Beginning:
         agree = sum(abs(speed - middle) <= tolerance for speed in speeds)
         return middle if abs(latest[1] - middle) > tolerance and 2 * agree > len(speeds) else None
 
-    def _pass(self, event: Event) -> None:
+    def _keep_place(self, event: Event) -> None:
         """Keep a position on the map, with those of the last seconds."""
         east, north = event.value.tolist()[:2]
         places = self._places

@@ -67,6 +67,7 @@ class ForceJudge(Judge):
         return self._unusual(sqrt(self._largest))
 
     def _unusual(self, force: float) -> float:
+        """A force over the mass [m/s²] where it is more than the vehicle file states; else 0."""
         return force if force > FORCES.unusual * self._adapter.lateral_force_error else 0.0
 
     @property

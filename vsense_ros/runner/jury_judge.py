@@ -6,14 +6,13 @@ back to before the contradiction and on without it, and believes axes again that
 message is held against what the filter expects; once they have agreed for a while, twice as long each time, it is
 believed.
 
-Wheels and a receiver that give the same speed are not accused, as nothing wrong is common to both: where all axes of an
-inertial sensor are wrong at once, the filter agrees with it rather than with them.
+Wheels and a receiver that give the same speed are not accused: it would be by chance if both were wrong. Where all axes
+of an inertial sensor are wrong at once, the filter agrees with it rather than with them.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
-from math import nan
+from dataclasses import replace
 
 from vsense_ros.estimation.intake import Intake
 from vsense_ros.estimation.timeline import Channel, Event, Timeline
@@ -22,20 +21,12 @@ from vsense_ros.model.sensors import SensorBase, place_of
 from vsense_ros.runner.adapter import Adapter, Apart
 from vsense_ros.runner.judge import Judge, Rolled, widening_event
 from vsense_ros.runner.steering_judge import axis_of_yaw_rate
+from vsense_ros.runner.velocity_judge import VELOCITY
 from vsense_ros.runner.velocity_witnesses import SETTINGS
 from vsense_ros.runner.vote import Vote
 from vsense_ros.runner.vote_settings import VOTE
 
-
-@dataclass(frozen=True)
-class JurySettings:
-    """When speeds are the same: decisions of this project, as are `share` and `speed` of the velocity witnesses."""
-
-    oldest: int = 300_000_000  # [ns] of a speed over ground, and
-    acceleration: float = 10.0  # [m/s²] by which a car may have changed it since
-
-
-JURY = JurySettings()
+_OLDEST = 300_000_000  # [ns] of a speed over ground that is held against the wheels: a decision of this project
 
 
 class JuryJudge(Judge):
@@ -57,8 +48,8 @@ class JuryJudge(Judge):
         self.judged = adapter.knows_car and len(self.hears) > 1 and bool(vote.axes)
         self._wheels, self._course = (place_of(intake.sensors, what) for what in ("rolling speed", "course"))
         self._yaw_rate = axis_of_yaw_rate(intake.sensors)
-        self._rolled = nan  # speed by the newest wheel speeds [m/s]
-        self._travelled = 0, nan  # newest speed over ground [m/s], with its stamp [ns]
+        self._rolled: Event | None = None  # newest wheel speeds,
+        self._travelled: Event | None = None  # and newest velocity over ground
         self._newest: dict[int, Event] = {}  # message of each that is out
         self._agreed: dict[int, int] = {}  # since when it has agreed [ns], 0: it does not
         self._wait: dict[int, int] = {}  # how long it must agree next time [ns]
@@ -100,16 +91,21 @@ class JuryJudge(Judge):
         return [i for i in there if i not in (self._wheels, self._course)]
 
     def _same_speed(self) -> bool:
-        """True if wheels and receiver, neither of which is out, give the same speed now."""
-        stamp, travelled = self._travelled
-        age = self._adapter.timeline.stamp - stamp
-        if self.out & {self._wheels, self._course} or not 0 <= age <= JURY.oldest:
+        """True if wheels and receiver, neither of which is out, give the same speed now, within the margins of the
+        velocity witnesses and what a car may have gained since the receiver's."""
+        newest = self._rolled, self._travelled
+        if newest[0] is None or newest[1] is None or self.out & {self._wheels, self._course}:
             return False
-        margin = SETTINGS.speed + SETTINGS.share * travelled + JURY.acceleration * age * 1e-9
-        return abs(abs(self._rolled) - travelled) < margin
+        age = self._adapter.timeline.stamp - newest[1].stamp
+        sensors, physics = self._intake.sensors, self._adapter.vehicle.physics
+        rolled, travelled = (sensors[one.sensor].first_speed(one.value, physics) for one in newest if one is not None)
+        if rolled is None or travelled is None or not 0 <= age <= _OLDEST:
+            return False
+        margin = SETTINGS.speed + SETTINGS.share * travelled + VELOCITY.acceleration * age * 1e-9
+        return abs(abs(rolled) - travelled) < margin
 
     def forget(self, stamp: int) -> None:
-        self._rolled, self._travelled = nan, (0, nan)
+        self._rolled = self._travelled = None
         self._newest.clear()
         self._agreed.clear()
 
@@ -118,12 +114,10 @@ class JuryJudge(Judge):
             self._newest[event.sensor] = replace(event, value=event.value.copy())
             event.without(list(range(len(event.value))))
         elif event.sensor == self._course:
-            speed = self._intake.sensors[self._course].first_speed(event.value, self._adapter.vehicle.physics)
-            self._travelled = event.stamp, nan if speed is None else speed
+            self._travelled = event
 
     def roll(self, rolled: Rolled) -> None:
-        speed = self._intake.sensors[self._wheels].first_speed(rolled.newest.value, self._adapter.vehicle.physics)
-        self._rolled = nan if speed is None else speed
+        self._rolled = rolled.newest
 
     def feel(self, stamp: int, h: float, felt: list[float]) -> None:
         """Nothing is to be known of inertial sensors."""
