@@ -14,8 +14,11 @@ from vsense_ros.bag.importers.guess_names import heading, meanings
 LOGGERS = {
     # Stanford P1, headings of a structure in MATLAB
     "a yaw angle beside a yaw rate": (
-        ("time", "yaw", "yaw_rate", "axG", "ayG"),
-        {"angular_velocity.2": "yaw_rate", "linear_acceleration.0": "axG", "linear_acceleration.1": "ayG"},
+        ("time", "yaw", "yaw_rate", "axG", "ayG", "delta_L", "delta_HW"),
+        {
+            "position.steering_wheel": "delta_HW", "angular_velocity.2": "yaw_rate", "linear_acceleration.0": "axG",
+            "linear_acceleration.1": "ayG",
+        },
     ),
     "a yaw rate that is called yaw": (("t", "Yaw"), {"angular_velocity.2": "Yaw"}),
     # BMW M235i, a logger of laps
@@ -30,6 +33,15 @@ LOGGERS = {
     "velocities beside wheel speeds are a reference": (
         ("Velocity_X", "Velocity_Y", "Velocity_Z", "v_wheel_fl", "v_wheel_fr", "v_wheel_rl", "v_wheel_rr"),
         {"forward": "Velocity_X", "left": "Velocity_Y", "velocity.wheel_rl": "v_wheel_rl", "speed": None},
+    ),
+    # Volkswagen GTI of Stanford, in the letters of textbooks
+    "the letters of textbooks with units": (
+        ("Ux_mps", "Uy_mps", "ax_mps2", "ay_mps2", "r_radps", "delta_rad"),
+        {
+            "forward": "Ux_mps", "left": "Uy_mps", "linear_acceleration.0": "ax_mps2",
+            "linear_acceleration.1": "ay_mps2", "angular_velocity.2": "r_radps",
+            "position.road_wheel_front": "delta_rad",
+        },
     ),
     "a velocity forward alone is a speed": (("t", "vx", "wz"), {"speed": "vx", "forward": None}),
 }  # fmt: skip

@@ -22,10 +22,10 @@ from blind.sensors import AS_USUAL, GRADES, Biases, Mounting, Recorder
 
 # A release seed is used up when the tool changes after its answers were looked at: the next release has another.
 # `SPENT` are those of earlier ones, in their order.
-SEEDS = {"public": 20_100, "release": 59_022}
+SEEDS = {"public": 20_100, "release": 86_413}
 SPENT = (
     77_003, 91_402, 57_233, 90_481, 71_365, 83_917, 61_283, 74_509, 49_128, 83_207, 52_951, 38_461, 66_173, 44_087,
-    29_614, 58_741,
+    29_614, 58_741, 59_022,
 )  # fmt: skip
 PLANTS = ("newton_euler", "mujoco_tree")
 TYRES = ("magic_formula_1989", "brush", "dugoff", "burckhardt")

@@ -343,9 +343,9 @@ def trust(leads: np.ndarray, right: np.ndarray) -> tuple[float, float]:
 def calibrated(leads: np.ndarray, right: np.ndarray, stated: np.ndarray, split: str) -> dict[str, tuple[float, str]]:
     """Thresholds of the tool that follow from its answers, by name, each with the data it came from. The arguments are
     those that `leads` gives, of the cases of a split."""
-    trusted, by_lead = trust(leads[stated], right[stated])
+    clear, by_lead = trust(leads[stated], right[stated])
     names = f"{split} split, {stated.sum()} names of which {(right & stated).sum()} are right"
-    found = {"trusted": (round(trusted, 2), names), "by_lead": (round(by_lead, 1), names)}
+    found = {"clear_name": (round(clear, 2), names), "by_lead": (round(by_lead, 1), names)}
     if (~stated).any():
         refused = (
             f"{split} split, {(~stated).sum()} effects that were refused, of which {(right & ~stated).sum()} are there"

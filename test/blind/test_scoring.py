@@ -365,9 +365,9 @@ def test_what_calibration_finds_is_written_with_the_number_of_names_it_came_from
     found = score.calibrated(np.full(200, 50.0), right, stated, "public")
     thresholds.write(found, file)
     written = thresholds.read(file)
-    assert (written.trusted, written.refused) == (pytest.approx(0.9, abs=0.02), 0.05)
-    assert replace(written, trusted=0.0, by_lead=0.0, refused=0.0) == replace(
-        thresholds.THRESHOLDS, trusted=0.0, by_lead=0.0, refused=0.0
+    assert (written.clear_name, written.refused) == (pytest.approx(0.9, abs=0.02), 0.05)
+    assert replace(written, clear_name=0.0, by_lead=0.0, refused=0.0) == replace(
+        thresholds.THRESHOLDS, clear_name=0.0, by_lead=0.0, refused=0.0
     )
     assert "public split, 100 names of which 90 are right, by `python -m blind calibrate`" in file.read_text()
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import Any
 
 from synthetic_findings import effect, finding
+from vsense_ros.mismatch.ages import Age
 from vsense_ros.mismatch.answer_schema import EffectEntry, Remainder
 from vsense_ros.mismatch.answer_sentence import conditions, sentence
 from vsense_ros.mismatch.beforehand import delays
@@ -16,14 +17,15 @@ LEFT_OUT = "in lap 2 the longitudinal acceleration is 0.42 times the change of t
 
 
 def test_of_an_unknown_mismatch_a_late_sensor_and_a_signal_that_is_missing_are_said():
-    said = conditions(finding("unknown"), delays({"accelerometer": 1.12}), [LEFT_OUT])
+    said = conditions(finding("unknown"), delays({"accelerometer": Age(1.12, 0.06)}), [LEFT_OUT])
     assert "measurements that are older than their stamps say (accelerometer 1.12 s)." in said
     assert said.endswith(f" Left out of the comparison: {LEFT_OUT}")  # which ends with a question mark
 
 
 def test_where_all_signals_are_compared_nothing_is_added():
     assert conditions(finding("named"), (), []) == ""
-    assert conditions(finding("named"), delays({"accelerometer": 1.12}), []) == ""  # as the answer names it itself
+    late = delays({"accelerometer": Age(1.12, 0.06)})
+    assert conditions(finding("named"), late, []) == ""  # as the answer names it itself
 
 
 def test_a_delay_that_lags_determine_is_not_excluded_where_nothing_explains_the_rest():

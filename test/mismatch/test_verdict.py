@@ -36,7 +36,7 @@ def test_more_gain_makes_surer_and_a_better_rival_less_sure(gain, other, more):
 def test_what_gains_no_more_than_chance_is_not_believed_and_a_clear_lead_is():
     least = THRESHOLDS.least_gain
     assert confidence(least, 0.0) < 0.5
-    assert confidence(10 * least, least) == pytest.approx(THRESHOLDS.trusted, rel=0.01)
+    assert confidence(10 * least, least) == pytest.approx(THRESHOLDS.clear_name, rel=0.01)
     assert confidence(10 * least, least) > 0.8
 
 
@@ -265,8 +265,16 @@ def test_a_further_effect_that_explains_little_is_named_where_the_evidence_is_su
     sure = replace(both, evident={"drag": 1.0, "bank": 0.99})
     assert said(one, sure) == ("named", ("drag + bank",))
     judged = judge([one, sure], (), Made())
-    assert judged.confidence(sure, "bank") == pytest.approx(0.99 * THRESHOLDS.trusted)
+    assert judged.confidence(sure, "bank") == pytest.approx(0.99 * THRESHOLDS.clear_name)
     assert said(one, replace(sure, gain=0.505, cv_gain=0.505)) == ("named", ("drag",))
+
+
+def test_what_the_evidence_excludes_beside_what_it_has_found_is_not_named_and_a_remark_is_left():
+    """A bias of a gyro, beside which an axle that steers itself by 0.07°/kN was named (case 0035 of a release)."""
+    bias, both = explaining("bias", 0.5, 0.5), explaining("bias + toe", 0.7, 0.7)
+    assert said(bias, both) == ("named", ("bias + toe",))
+    judged = judge([bias, both], (), Made(), improbable=frozenset({"toe"}))
+    assert (judged.verdict, judged.leader, judged.besides) == ("named", bias, ("toe",))
 
 
 def test_a_rival_that_leaves_a_signal_further_off_and_none_nearer_is_excluded_however_much_else_is_left_over():
@@ -573,7 +581,7 @@ def test_what_is_asked_for_is_what_the_thresholds_say():
     strict = replace(THRESHOLDS, least_gain=0.25)
     assert judge([drag], (), Made(), thresholds=strict).verdict == "no_mismatch"
     assert judge([drag], (), Made(), least_gain=0.25).verdict == "no_mismatch"
-    certain = replace(THRESHOLDS, trusted=0.6)
+    certain = replace(THRESHOLDS, clear_name=0.6)
     assert judge([drag], (), Made(), thresholds=certain).confidence(drag, "drag") == pytest.approx(0.6, abs=1e-3)
 
 
@@ -643,7 +651,7 @@ def test_a_signal_that_one_size_for_all_of_the_road_leaves_off_may_be_how_the_ro
 def test_an_interval_is_about_its_size_and_wider_than_what_the_windows_agree_in(value, spread):
     low, high = interval(value, spread)
     assert (low + high) / 2 == pytest.approx(value, abs=1e-9)
-    assert (high - low) / 2 >= 1.64 * max(spread, 0.12 * abs(value))
+    assert (high - low) / 2 >= 1.64 * max(spread, THRESHOLDS.size_error * abs(value))
 
 
 def test_of_a_set_the_effect_that_is_likelier_absent_than_present_is_not_named_but_said_besides():

@@ -103,6 +103,11 @@ class Match:
         """Share of the variance that is unexplained without the lag, over that which is with it."""
         return (1 - self.correlation**2) / max(1 - self.best**2, 1e-9)
 
+    @property
+    def distinct(self) -> float:
+        """Share of the variance that is unexplained at any lag apart from the best one, over that which is at it."""
+        return (1 - (abs(self.best) - self.clear) ** 2) / max(1 - self.best**2, 1e-9)
+
 
 def match(one: Array, other: Array, step: float, settings: LagSettings = CLOCK_LAGS) -> Match | None:
     """Compare two signals (n,) at common times, `step` [s] apart; None where they have too little in common, or one of

@@ -13,6 +13,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from itertools import combinations
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -41,11 +42,18 @@ class LagSearchSettings:
     # course of the antenna may lead
     least_rigid_lag: float = 0.1
     least_explained: float = 2.0  # [-] unexplained variance without that lag, over that with it
-    rigid_clearance: float = 0.02  # [-] as `clearance`, of that lag
+    least_distinct: float = 1.5  # [-] that at any other lag, over that with it
+    antenna: float = 1.0  # [m] standard deviation of how far an antenna sits ahead of where the vehicle file says
     agreement: float = 0.25  # [s] within which recordings, and groups of a sensor, are equally late
     least_correlation: float = 0.7  # [-] of two measurements of one motion, at the best lag
     correlation_gain: float = 0.15  # [-] by which that correlation exceeds the one without a lag
     clearance: float = 0.05  # [-] by which it exceeds that at any other lag: a slalom looks the same one period later
+    # What a filter has smoothed is nearly as alike at lags beside the best one; it is late where hardly anything is
+    # alike without a lag.
+    smoothed_lag: float = 0.6  # [s] of what is smoothed
+    smoothed_correlation: float = 0.87  # [-] at the best lag
+    smoothed_explained: float = 3.0  # [-] unexplained variance without that lag, over that with it
+    deviation: float = 0.06  # [s] standard deviation of a lag from correlation
     least_compared: float = 8.0  # [s] that are compared
     least_turning: float = 0.02  # [rad/s] standard deviation of a turning rate that shows a lag
     least_acceleration: float = 0.2  # [m/s²] standard deviation of an acceleration that shows a lag
@@ -60,39 +68,66 @@ DELAY = next(effect for effect in EVERY.values() if effect.delays)
 FIELDS = DELAY.delays
 
 
-def ages(dataset: Dataset, vehicle: Vehicle) -> dict[str, float]:
-    """By size of the effect that sensors are late, how much older one is than its stamps say beyond what the vehicle
-    file knows [s]: those that all recordings agree in, of which no more is known than a tenth of a second."""
-    latencies = [_late(_lags(windows, dataset.sensors, vehicle)) for windows in dataset.by_recording()]
+class Age(NamedTuple):
+    """How much older a sensor is than its stamps say beyond what the vehicle file knows, and the standard deviation of
+    that [s]."""
+
+    value: float
+    deviation: float
+
+
+def ages(dataset: Dataset, vehicle: Vehicle) -> dict[str, Age]:
+    """By size of the effect that sensors are late, how late they are: those in which all recordings agree."""
+    latencies, leads = [], []
+    for windows in dataset.by_recording():
+        lead = _lead(windows, dataset.sensors, vehicle)
+        latencies.append(_late(_lags(windows, dataset.sensors, vehicle, lead), lead))
+        leads.append(lead.deviation)
     result = {}
     for source, field in FIELDS.items():
         lags = [one[source] for one in latencies if source in one]
         if lags and abs(np.median(lags)) >= LAG_SEARCH.least_rigid_lag and np.ptp(lags) < LAG_SEARCH.agreement:
-            result[field] = round(float(np.median(lags)), 2)
+            beside = float(np.median(leads)) if source == GROUPS[0] else 0.0
+            result[field] = Age(round(float(np.median(lags)), 2), float(np.hypot(LAG_SEARCH.deviation, beside)))
     groups = [FIELDS[group] for group in GROUPS]
-    if result.keys() >= set(groups) and np.ptp([result[group] for group in groups]) < LAG_SEARCH.agreement:
-        result[FIELDS[WHOLE]] = round(float(np.mean([result.pop(group) for group in groups])), 2)
+    if result.keys() >= set(groups) and np.ptp([result[group].value for group in groups]) < LAG_SEARCH.agreement:
+        both = [result.pop(group) for group in groups]
+        result[FIELDS[WHOLE]] = Age(round(float(np.mean([one.value for one in both])), 2), both[-1].deviation)
     info = DELAY.model_fields
-    return {field: age for field, age in result.items() if bounds(info[field])[0] < age < bounds(info[field])[1]}
+    return {field: age for field, age in result.items() if bounds(info[field])[0] < age.value < bounds(info[field])[1]}
 
 
 _Pairs = Mapping[tuple[Source, Source], float]  # by how much the first is the later one [s]
 
 
-def _lags(windows: Sequence[Window], sensors: Mapping[str, SensorBase], vehicle: Vehicle) -> _Pairs:
-    """The lags between all sources that measure one motion well enough.
+class _Lead(NamedTuple):
+    """By how much the course of GNSS may lead the turning of the car [s], and how well that is known. Without slip it
+    leads by the time that the car takes from its rear axle to the antenna, with slip by less."""
 
-    A steered wheel leads the motion that answers it, and an accelerometer ahead of the centre of gravity leads as well.
-    Gyro and course are of one rigid body: without slip the course leads by the time that the car takes from its rear
-    axle to the antenna, with slip by less, so that a gyro that is later than that is late.
-    """
-    speed = float(np.nanmedian(np.concatenate([w.speed.value[:, 0] for w in windows])))
+    course: Source | None
+    most: float
+    deviation: float
+
+
+def _lead(windows: Sequence[Window], sensors: Mapping[str, SensorBase], vehicle: Vehicle) -> _Lead:
+    speed = max(float(np.nanmedian(np.concatenate([w.speed.value[:, 0] for w in windows]))), WINDOWS.slowest)
     name = best_measuring(sensors.items(), "course")
     course, ahead = None, vehicle.physics.chassis.cog_to_rear_axle
     if name is not None:
         course = sensors[name].kind
         ahead += float(np.asarray(getattr(sensors[name], "position", np.zeros(3)))[0])
-    led = ahead / max(speed, WINDOWS.slowest)
+    uniform = ahead / 12**0.5
+    return _Lead(course, ahead / speed, float(np.hypot(uniform, LAG_SEARCH.antenna)) / speed)
+
+
+def _lags(
+    windows: Sequence[Window], sensors: Mapping[str, SensorBase], vehicle: Vehicle, lead: _Lead
+) -> _Pairs:  # fmt: skip
+    """The lags between all sources that measure one motion well enough.
+
+    A steered wheel leads the motion that answers it, and an accelerometer ahead of the centre of gravity leads as well.
+    Gyro and course are of one rigid body, so that a gyro that is later than the course may lead is late.
+    """
     lags: dict[tuple[Source, Source], float] = {}
     for signals, least in zip(
         _motions(windows, sensors, vehicle), (LAG_SEARCH.least_turning, LAG_SEARCH.least_acceleration), strict=True
@@ -102,30 +137,44 @@ def _lags(windows: Sequence[Window], sensors: Mapping[str, SensorBase], vehicle:
             matched = match(moving[one], moving[other], LAG_SEARCH.step, LONG_LAGS)
             if matched is None or abs(matched.best) < LAG_SEARCH.least_correlation:
                 continue
-            if one == GROUPS[0] and other == course and _late_rigidly(matched, led):
+            if (one, other) == (GROUPS[0], lead.course) and _late_rigidly(matched, lead):
                 lags.setdefault((one, other), matched.lag)
             elif abs(matched.lag) < LAG_SEARCH.least_lag:
                 lags.setdefault((one, other), 0.0)
-            elif (
-                matched.clear > LAG_SEARCH.clearance
-                and abs(matched.correlation) < abs(matched.best) - LAG_SEARCH.correlation_gain
-            ):
+            elif _clearly_late(matched) or (_smoothed(matched) and GROUPS[1] in (one, other)):
                 lags.setdefault((one, other), matched.lag)
     return lags
 
 
-def _late_rigidly(matched: Match, led: float) -> bool:
-    """True if a gyro is behind the course by more than the time [s] by which this may lead."""
+def _late_rigidly(matched: Match, lead: _Lead) -> bool:
+    """True if a gyro is behind the course by more than this may lead."""
     return (
-        matched.lag > LAG_SEARCH.least_rigid_lag + led
+        matched.lag > LAG_SEARCH.least_rigid_lag + lead.most
         and matched.explained > LAG_SEARCH.least_explained
-        and matched.clear > LAG_SEARCH.rigid_clearance
+        and matched.distinct > LAG_SEARCH.least_distinct
     )
 
 
-def _late(lags: _Pairs) -> dict[Source, float]:
+def _clearly_late(matched: Match) -> bool:
+    """True if two signals are alike at one lag only."""
+    return (
+        matched.clear > LAG_SEARCH.clearance
+        and abs(matched.correlation) < abs(matched.best) - LAG_SEARCH.correlation_gain
+    )
+
+
+def _smoothed(matched: Match) -> bool:
+    """True if two signals are alike at one lag and those beside it, as after a filter."""
+    return (
+        abs(matched.lag) > LAG_SEARCH.smoothed_lag
+        and abs(matched.best) > LAG_SEARCH.smoothed_correlation
+        and matched.explained > LAG_SEARCH.smoothed_explained
+    )
+
+
+def _late(lags: _Pairs, lead: _Lead) -> dict[Source, float]:
     """How late each source is against those that agree among themselves, which are not late; nothing where it is open
-    who is."""
+    who is. What the course may lead a gyro by is halved between the two."""
     agree = {pair: lag == 0.0 for pair, lag in lags.items()}
     blame = who_is_wrong(agree, {})
     if blame.undecided or not any(agree.values()):
@@ -133,11 +182,19 @@ def _late(lags: _Pairs) -> dict[Source, float]:
     sources = dict.fromkeys(source for pair in lags for source in pair)
     late = {source: 0.0 for source in sources if source not in blame.wrong}
     for source in blame.wrong:
-        against = [lag if source == one else -lag for (one, other), lag in lags.items() if source in (one, other)
-                   and (other if source == one else one) not in blame.wrong]  # fmt: skip
+        against = [
+            _less_the_lead(lag, (one, other), lead) * (1 if source == one else -1)
+            for (one, other), lag in lags.items()
+            if source in (one, other) and (other if source == one else one) not in blame.wrong
+        ]
         if against:
             late[source] = float(np.median(against))
     return late
+
+
+def _less_the_lead(lag: float, pair: tuple[Source, Source], lead: _Lead) -> float:
+    """The lag of a gyro behind the course without half of the time by which this may lead."""
+    return lag - lead.most / 2 if pair == (GROUPS[0], lead.course) else lag
 
 
 def _motions(

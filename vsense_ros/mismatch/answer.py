@@ -24,7 +24,7 @@ from vsense_ros.mismatch.answer_schema import (
 )
 from vsense_ros.mismatch.beforehand import Beforehand
 from vsense_ros.mismatch.candidates import Candidate
-from vsense_ros.mismatch.confidence import NORMAL_90, interval
+from vsense_ros.mismatch.confidence import interval
 from vsense_ros.mismatch.hypothesis import Hypothesis
 from vsense_ros.mismatch.located import physics_in_words
 from vsense_ros.mismatch.picture import Trace
@@ -43,6 +43,7 @@ from vsense_ros.model.sensors import compared_signals
 Array = NDArray[np.float64]
 
 
+LEAST_NARROWED = 0.3  # [-] share of a standard deviation that a fit of dependent residuals leaves, at least
 CONFIDENCE_BEFOREHAND = 0.99  # [-] in a defect of a sensor that all others of one motion agree with, before any fit
 
 
@@ -92,24 +93,34 @@ def _larger(size: Size, known: Beforehand) -> Size:
 
 
 def _known_entry(known: Beforehand, shown: Fit, residuals: Residuals, validation: Validation) -> EffectEntry:
-    """The entry of a defect that no fit has changed."""
+    """The entry of a defect that was known before the fit, of the size that this has made of it."""
     effect = EVERY[known.effect]
-    name = f"effects.{known.effect}.{known.field}"
-    without = shown.parameter_set.changed({name: shown.parameter_set.values[name] - known.value})
+    value, deviation = _refitted(known, shown)
+    name = known.parameter
+    without = shown.parameter_set.changed({name: shown.parameter_set.values[name] - value})
     trained = _lost(residuals, shown.residuals, without)
     unseen = None
     if validation.residuals is not None:
         unseen = _lost(validation.residuals, validation.comparisons.held_out(shown)[1], without)
     extra = effect.model_fields[known.field].json_schema_extra
     assert isinstance(extra, dict)
-    half = NORMAL_90 * known.deviation
-    around = (known.value - half, known.value + half)
+    around = interval(value, deviation)
     return EffectEntry(
         id=known.effect, sentence=effect.sentence, sensor=known.field if effect.delays else None,
-        parameters=(Size(name=known.field, unit=str(extra["unit"]), value=known.value, interval_90=around),),
+        parameters=(Size(name=known.field, unit=str(extra["unit"]), value=value, interval_90=around),),
         gain_training=trained, gain_left_out=trained, gain_held_out=unseen, adds_to_best=None, keep=1.0,
         confidence=CONFIDENCE_BEFOREHAND, objection="", accepted=True, answer_set=(known.effect,), would_separate=None,
     )  # fmt: skip
+
+
+def _refitted(known: Beforehand, shown: Fit) -> tuple[float, float]:
+    """The size of a defect that was known before a fit, and its standard deviation, after it."""
+    names = [parameter.name for parameter in shown.free_parameters]
+    if known.parameter not in names:
+        return known.value, known.deviation
+    at = names.index(known.parameter)
+    share = float(shown.equations.spread()[at])
+    return known.value + float(shown.offsets[at]), max(share, LEAST_NARROWED) * known.deviation
 
 
 def _lost(residuals: Residuals, after: Sequence[Array], without: ParameterSet) -> float:

@@ -13,7 +13,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from vsense_ros.checks.setting import JUDGEMENT, setting
-from vsense_ros.mismatch.ages import DELAY, ages
+from vsense_ros.mismatch.ages import DELAY, Age, ages
 from vsense_ros.mismatch.data_quality import SETTINGS as DATA_QUALITY
 from vsense_ros.mismatch.data_quality import Drive
 from vsense_ros.mismatch.windows import Dataset, Window
@@ -27,7 +27,6 @@ from vsense_ros.model.vehicle import Vehicle
 class BeforehandSettings:
     """How sure a size is before any fit."""
 
-    lag_deviation: float = setting(0.06, "s", "standard deviation of a lag from correlation", JUDGEMENT)
     memory: float = setting(4.0, "s", "for which errors of the speeds last, as a manoeuvre does", JUDGEMENT)
     least_share: float = setting(0.015, "-", "of the speed, rms, that an antenna beside the middle adds", JUDGEMENT)
     least_bend: float = setting(0.005, "1/m", "curvature of bends to both sides, in a twentieth of the time", JUDGEMENT)
@@ -48,6 +47,11 @@ class Beforehand:
     value: float
     deviation: float
     independent: bool = True
+
+    @property
+    def parameter(self) -> str:
+        """The dotted name of the size."""
+        return f"effects.{self.effect}.{self.field}"
 
 
 def beforehand(fitted: Dataset, unseen: Dataset, vehicle: Vehicle) -> tuple[Beforehand, ...]:
@@ -71,9 +75,9 @@ def not_proven(sizes: Iterable[Beforehand]) -> list[str]:
     ]
 
 
-def delays(late: Mapping[str, float]) -> tuple[Beforehand, ...]:
-    """How late sensors are [s], by size of that effect."""
-    return tuple(Beforehand(DELAY.id, field, age, SETTINGS.lag_deviation) for field, age in late.items())
+def delays(late: Mapping[str, Age]) -> tuple[Beforehand, ...]:
+    """How late sensors are, by size of that effect."""
+    return tuple(Beforehand(DELAY.id, field, age.value, age.deviation) for field, age in late.items())
 
 
 def with_sizes(vehicle: Vehicle, sizes: Iterable[Beforehand]) -> Vehicle:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterator, Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from types import MappingProxyType
 
@@ -75,17 +75,23 @@ def unknown_torques(vehicle: Vehicle) -> tuple[FreeParameter, ...]:
 
 
 def base_parameters(
-    vehicle: Vehicle, beyond: Collection[str] = (), kinds: Collection[str] = ("wheel_torques",)
-) -> tuple[FreeParameter, ...]:
+    vehicle: Vehicle, beyond: Collection[str] = (), kinds: Collection[str] = ("wheel_torques",),
+    known: Mapping[tuple[str, str], float] = MappingProxyType({}),
+) -> tuple[FreeParameter, ...]:  # fmt: skip
     """What is always fitted: `BASE`; which wheels drive and brake, if the `kinds` of sensors measure wheel speeds but
-    not wheel torques; and what every car has a little of, except for the effects `beyond` reach of the sensors."""
+    not wheel torques; what every car has a little of, except for the effects `beyond` reach of the sensors; and sizes
+    of effects that are `known` beforehand, by effect and field, with their standard deviations."""
     values = vehicle.values()
-    common = [
-        replace(_size(effect, field, values), deviation=deviation)
+    usual = {
+        (effect, field): deviation
         for effect, kind in BY_ID.items()
         if effect not in beyond
         for field, deviation in kind.prior(vehicle).items()
         if deviation > 0
+    }
+    common = [
+        replace(_size(effect, field, values), deviation=deviation)
+        for (effect, field), deviation in {**usual, **known}.items()
     ]
     shared = unknown_torques(vehicle) if "wheel_speeds" in kinds and "wheel_torques" not in kinds else ()
     stated = vehicle.deviations()

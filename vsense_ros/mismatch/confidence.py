@@ -14,7 +14,7 @@ def confidence(gain: float, other: float, thresholds: Thresholds = THRESHOLDS) -
     """How probable it is that an effect of the answer is there which explains `gain`, where the best explanation
     without it explains `other`."""
     lead = np.log(max(gain, SMALLEST_GAIN) / max(other, thresholds.least_gain))
-    return float(thresholds.trusted / (1 + np.exp(-thresholds.by_lead * lead)))
+    return float(thresholds.clear_name / (1 + np.exp(-thresholds.by_lead * lead)))
 
 
 def interval(value: float, spread: float, thresholds: Thresholds = THRESHOLDS) -> tuple[float, float]:

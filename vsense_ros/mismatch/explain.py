@@ -361,7 +361,10 @@ class _Explainer:
     ) -> tuple[Search, list[Hypothesis]]:
         """The base parameters fitted, and single effects, or those to assume together, fitted besides; once more from
         other base parameters if an effect has shown that their fit had stopped short."""
-        free_parameters = () if self.answer.ablation == "no_refit" else base_parameters(self.vehicle, beyond, kinds)
+        known = {(one.effect, one.field): one.deviation for one in self.known}
+        free_parameters = (
+            () if self.answer.ablation == "no_refit" else base_parameters(self.vehicle, beyond, kinds, known)
+        )
         try:
             dataset, residuals, base = self.fitted_restarts.refitted(dataset, free_parameters, self.progress)
         except DivergedError:

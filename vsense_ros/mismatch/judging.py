@@ -25,7 +25,13 @@ def judged_with_further(search: Search, proposed: list[Hypothesis], validation: 
     doubtful = [e for e in provable if not is_trusted(e)]
     hypotheses = [*likely, *_as_good(doubtful, likely, validation.proven)] or every
     described: list[Hypothesis] = []
-    judged = judge(hypotheses, described, validation, search.with_profile, threshold)
+
+    def verdict(hypotheses: Sequence[Hypothesis]) -> Judged:
+        return judge(
+            hypotheses, described, validation, search.with_profile, threshold, improbable=search.improbable
+        )  # fmt: skip
+
+    judged = verdict(hypotheses)
     named = judged.verdict == "named" and not judged.partial
     begin, rounds = [judged.leader] if named and judged.leader is not None else [], 1
     if not named and (promising or validation.something_unexplained()):
@@ -35,15 +41,15 @@ def judged_with_further(search: Search, proposed: list[Hypothesis], validation: 
     if begin and (not named or search.leaves_something(begin[0].fit)):
         further = _with_further(search, begin, validation, threshold, rounds)
         hypotheses += [*further, *_without_earlier(search, further, hypotheses, validation, least)]
-        judged = judge(hypotheses, described, validation, search.with_profile, threshold)
+        judged = verdict(hypotheses)
     if search.leaves_something(judged.leader.fit if judged.leader is not None else search.base):
         described = search.described()
         prepare(described)
-        judged = judge(hypotheses, described, validation, search.with_profile, threshold)
+        judged = verdict(hypotheses)
     if judged.in_doubt:
         joint = search.joint(judged.in_doubt)
         prepare(joint)
-        judged = judge([*hypotheses, *joint], described, validation, search.with_profile, threshold)
+        judged = verdict([*hypotheses, *joint])
     return judged
 
 

@@ -102,8 +102,10 @@ class Proposing:
         self.level: dict[Hypothesis, Hypothesis] = {}  # with one size for all of the road, what it is with a profile
 
     def _profiles(self, offered: Sequence[Candidate]) -> list[Profile]:
-        """The profiles of the road that can be validated."""
+        """The profiles of the road that can be validated, where there is something left for them to explain."""
         if not offered or not self.fitting.validation.profiles_can_be_validated:
+            return []
+        if self.residuals.worst(self.secants.base.residuals) <= THRESHOLDS.noise_level:
             return []
         self.secants.simulate_new(offered)
         return [Profile.of(candidate, self.secants, self._samples) for candidate in offered]
@@ -152,9 +154,13 @@ class Proposing:
         size = [key_of(candidate.free_parameters[0])]
         return next(c for c in self.offered if [key_of(p) for p in c.free_parameters] == size)
 
-    def without_each(self, hypothesis: Hypothesis, known: Set[frozenset[str]] = frozenset()) -> list[Hypothesis]:
-        """A hypothesis without each of its effects, fitted, but for sets of effects that are `known`, by id."""
-        rests = [tuple(c for c in hypothesis.candidates if c is not out) for out in hypothesis.candidates]
+    def without_each(
+        self, hypothesis: Hypothesis, known: Set[frozenset[str]] = frozenset(), only: str | None = None
+    ) -> list[Hypothesis]:
+        """A hypothesis without each of its effects, or without one of them only, fitted, but for sets of effects that
+        are `known`, by id."""
+        leaving = [c for c in hypothesis.candidates if only in (None, c.effect)]
+        rests = [tuple(c for c in hypothesis.candidates if c is not out) for out in leaving]
         new = [rest for rest in rests if rest and frozenset(c.effect for c in rest) not in known]
         joints = [(rest, self._with(hypothesis.fit, {}, rest)) for rest in new]
         return self._fitted(joints, hypothesis.evident)

@@ -93,6 +93,16 @@ class Search:
         self.evidence = self._proposing.evidence
         return found
 
+    @property
+    def improbable(self) -> frozenset[str]:
+        """Ids of the effects that the evidence excludes beside the set that it has found, if it has found one."""
+        if self.evidence is None or not self.evidence[1]:
+            return frozenset()
+        sets, _ = self.evidence
+        probabilities = sets.probabilities()
+        every = {size.effect for size in sets.sizes}
+        return frozenset(id for id in every if probabilities.get(id, 0.0) < THRESHOLDS.improbable)
+
     def reduced(
         self,
         provable: Sequence[Hypothesis],
@@ -105,27 +115,27 @@ class Search:
         found: list[Hypothesis] = []
         best = max(list(filter(is_trusted, provable)) or provable, key=proven, default=None)
         while best is not None and len(best.candidates) > 1:
-            without = self.without_each(best)
+            doubted = min(best.effects, key=best.evident.__getitem__)
+            doubtful = best.evident[doubted] < THRESHOLDS.trusted
+            without = self.without_each(best, only=doubted if doubtful else None)
             prepare(without)
             found += without
             for rest in without:
                 (out,) = set(best.effects) - set(rest.effects)
                 known = proven(rest)
                 self.adds[out] = (proven(best) - known) / max(1 - known, self.least_whole)
-            evident, adds = best.evident, self.adds
-            doubted, least = (min(best.effects, key=by.__getitem__) for by in (evident, adds))
-            if evident[doubted] < THRESHOLDS.trusted:
-                out = doubted
-            elif adds[least] <= THRESHOLDS.evident_gain:
-                out = least
-            else:
+            least = doubted if doubtful else min(best.effects, key=self.adds.__getitem__)
+            if not doubtful and self.adds[least] > THRESHOLDS.evident_gain:
                 break
-            best = next(e for e in without if out not in e.effects)
+            best = next(e for e in without if least not in e.effects)
         return found
 
-    def without_each(self, hypothesis: Hypothesis, known: Set[frozenset[str]] = frozenset()) -> list[Hypothesis]:
-        """A hypothesis without each of its effects, fitted, but for sets of effects that are `known`, by id."""
-        return self._proposing.without_each(hypothesis, known)
+    def without_each(
+        self, hypothesis: Hypothesis, known: Set[frozenset[str]] = frozenset(), only: str | None = None
+    ) -> list[Hypothesis]:
+        """A hypothesis without each of its effects, or without one of them only, fitted, but for sets of effects that
+        are `known`, by id."""
+        return self._proposing.without_each(hypothesis, known, only)
 
     @cached_property
     def _proposing(self) -> Proposing:

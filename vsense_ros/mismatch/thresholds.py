@@ -49,6 +49,8 @@ class Thresholds:
     remarkable_gain: float
     least_compared: float
     trusted: float
+    clear_name: float
+    improbable: float
     by_lead: float
     refused: float
     least_confidence: float

@@ -37,6 +37,7 @@ class Judged:
     partial: bool = False  # whether something more is left over, which nothing explains
     excluded: frozenset[Hypothesis] = frozenset()  # by more than what they gain
     in_doubt: tuple[Hypothesis, ...] = ()  # between which to choose, the best first; what they share may be sure
+    improbable: frozenset[str] = frozenset()  # ids of effects that the evidence excludes
     thresholds: Thresholds = THRESHOLDS
 
     @property
@@ -67,7 +68,7 @@ class Judged:
         gain, other = (self.proven[hypothesis] - known) / left, (self._most(others) - known) / left
         certain = confidence(gain, other, self.thresholds)
         if gain > self.thresholds.evident_gain:
-            certain = max(certain, self.thresholds.trusted * hypothesis.evident.get(effect, 0.0))
+            certain = max(certain, self.thresholds.clear_name * hypothesis.evident.get(effect, 0.0))
         answer = {one for e in self.rivals for one in e.effects} | set(self.besides)
         return certain if effect in answer else min(certain, self.thresholds.refused)
 
@@ -91,7 +92,11 @@ class Judged:
         return tuple(
             id for id in self.leader.effects
             if id in self.sure
-            and (id in zero or self.confidence(self.leader, id) < self.thresholds.least_confidence)
+            and (
+                id in zero
+                or id in self.improbable
+                or self.confidence(self.leader, id) < self.thresholds.least_confidence
+            )
         )  # fmt: skip
 
     def other_places(self) -> tuple[str, ...]:
@@ -132,14 +137,16 @@ def judge(
     with_profile: Callable[[Hypothesis], Hypothesis | None] = lambda _: None,
     least_gain: float | None = None,
     thresholds: Thresholds = THRESHOLDS,
+    improbable: frozenset[str] = frozenset(),
 ) -> Judged:
     """The verdict on `hypotheses`, which are effects, alone and several at once, and on `terms` without known physics.
 
     `with_profile` is what an explanation with one size for all of the road becomes if that is another at every
     place. `least_gain` is what an effect needs to gain on so much driving; that of `thresholds` where it is not given.
+    Effects that are `improbable` by the evidence, by id, are not named.
     """
     least = thresholds.least_gain if least_gain is None else least_gain
-    return _Judge(hypotheses, terms, validation, with_profile, least, thresholds).judged()
+    return _Judge(hypotheses, terms, validation, with_profile, least, thresholds, improbable).judged()
 
 
 def _as_good(gain: float, most: float, thresholds: Thresholds, shared: float = 0.0) -> bool:
@@ -173,8 +180,9 @@ class _Judge:
     def __init__(
         self, hypotheses: Sequence[Hypothesis], terms: Sequence[Hypothesis], validation: Validation,
         with_profile: Callable[[Hypothesis], Hypothesis | None], least_gain: float, thresholds: Thresholds,
+        improbable: frozenset[str],
     ) -> None:  # fmt: skip
-        self.hypotheses, self.terms, self.validation = hypotheses, terms, validation
+        self.hypotheses, self.terms, self.validation, self.improbable = hypotheses, terms, validation, improbable
         self.least_gain, self.thresholds = least_gain, thresholds
         self.proven = {e: validation.proven(e) for e in (*hypotheses, *terms)}
         size = float(sum(len(r) for r in validation.base.residuals))
@@ -305,8 +313,9 @@ class _Judge:
             e for e in hypotheses if e not in rivals and leader is not None and self.exceeded(e, leader)
         )
         return Judged(
-            verdict, leader, rivals, ranked, hypotheses, proven, excluded=excluded, thresholds=self.thresholds
-        )
+            verdict, leader, rivals, ranked, hypotheses, proven, excluded=excluded, thresholds=self.thresholds,
+            improbable=self.improbable,
+        )  # fmt: skip
 
     def term(self) -> Hypothesis | None:
         """The term without known physics that explains most, if that is enough and held-out recordings as a whole are

@@ -22,6 +22,7 @@ from vsense_ros.extras import MissingExtra, explained
 from vsense_ros.messages.recording import Recording
 
 _LAST = 2**63 - 1  # [ns]
+_OWN = ("rosbag2", "mcap")  # bags of ROS 2, for which the libraries of no other format are loaded
 _MOST_MEMORY, _MOST_OF_FILE = 768 << 20, 24  # [byte], and times the size of a file, that reading it may take
 
 
@@ -59,17 +60,18 @@ def importers() -> list[Importer]:
     others (FIRST = True), and those that judge by a file's ending alone (LAST = True) after them."""
     formats = [module for module in _modules()[0] if hasattr(module, "NAME")]
     formats.sort(key=lambda module: (getattr(module, "LAST", False), not getattr(module, "FIRST", False)))
-    return [
-        Importer(
-            module.NAME,
-            module.DESCRIPTION,
-            module.matches,
-            module.read,
-            getattr(module, "NEEDS", ()),
-            getattr(module, "pieces", None),
-        )
-        for module in formats
-    ]
+    return list(map(_of_module, formats))
+
+
+def _of_module(module: ModuleType) -> Importer:
+    return Importer(
+        module.NAME,
+        module.DESCRIPTION,
+        module.matches,
+        module.read,
+        getattr(module, "NEEDS", ()),
+        getattr(module, "pieces", None),
+    )
 
 
 def _modules() -> tuple[list[ModuleType], set[str]]:
@@ -94,6 +96,10 @@ def find_importer(path: str | Path, options: Collection[str] = ()) -> Importer:
         raise InputError(f"{path}: no such file or folder")
     if not (path.is_file() or path.is_dir()):
         raise InputError(f"{path}: neither a regular file nor a folder; expected a recording")
+    for name in _OWN:
+        own = _of_module(import_module(f"{__name__}.{name}"))
+        if set(options) <= set(own.options) and _matches(own, path):
+            return own
     known = importers()
     matching = [importer for importer in known if _matches(importer, path)]
     matching.sort(key=lambda importer: not set(importer.needs) <= set(options))

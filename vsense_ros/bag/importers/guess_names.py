@@ -29,6 +29,7 @@ _UNIT_WORDS = {
     "kph": "km/h", "kmh": "km/h", "mph": "mph", "mps": "m/s", "deg": "deg", "rad": "rad", "meter": "m", "meters": "m",
     "ft": "ft", "ms": "ms", "msec": "ms", "us": "us", "usec": "us", "ns": "ns", "nsec": "ns", "sec": "s", "secs": "s",
     "fine": "100us", "dps": "deg/s", "degs": "deg/s", "degps": "deg/s", "rads": "rad/s", "radps": "rad/s",
+    "mps2": "m/s²", "mpss": "m/s²",
 }  # fmt: skip
 
 
@@ -59,9 +60,9 @@ _VELOCITY = r"(?:v|vel|velocity|speed|geschwindigkeit)"
 # Velocities in the axes of the car, which mean something together.
 _AXES_OF_CAR = {
     "forward": re.compile(
-        rf"(?:.* )?(?:{_VELOCITY} ?(?:x|long?|longitudinal|forward)|(?:long?|longitudinal|forward) {_VELOCITY})"
+        rf"(?:.* )?(?:{_VELOCITY} ?(?:x|long?|longitudinal|forward)|u ?x|(?:long?|longitudinal|forward) {_VELOCITY})"
     ),
-    "left": re.compile(rf"(?:.* )?(?:{_VELOCITY} ?(?:y|lat|lateral)|(?:lat|lateral) {_VELOCITY})"),
+    "left": re.compile(rf"(?:.* )?(?:{_VELOCITY} ?(?:y|lat|lateral)|u ?y|(?:lat|lateral) {_VELOCITY})"),
 }  # fmt: skip
 _SPEED = r"(?:speed|velocity|sog|ground ?speed|geschwindigkeit|spd)(?: (?:2d|over ground|horizontal))?"
 
@@ -82,7 +83,7 @@ NAMES: tuple[Named, ...] = (
     Named("imu/data", "angular_velocity.1", rf"(?:pitch ?(?:rate|velocity)|w ?y|{_AXIS['y']})", "angular velocity"),
     Named(
         "imu/data", "angular_velocity.2",
-        rf"(?:(?:gyro )?yaw ?(?:rate|velocity|speed)|gierrate|psip|w ?z|gps gyro|{_AXIS['z']})",
+        rf"(?:(?:gyro )?yaw ?(?:rate|velocity|speed)|gierrate|psip|w ?z|r|gps gyro|{_AXIS['z']})",
         "angular velocity",
     ),
     Named("imu/data", "angular_velocity.2", r"(?:gyro )?yaw", "angular velocity"),  # where no column says rate
@@ -114,7 +115,8 @@ NAMES: tuple[Named, ...] = (
     ),
     Named(
         "vehicle/steering", "position.steering_wheel",
-        r"(?:(?:steer(?:ing|ed)?|strg) ?(?:wheel|whl)? ?(?:angle|ang)?|lenk(?:rad)?winkel|swa|lwi|lrw)", "angle",
+        r"(?:(?:steer(?:ing|ed)?|strg) ?(?:wheel|whl)? ?(?:angle|ang)?|lenk(?:rad)?winkel|swa|lwi|lrw"
+        r"|delta ?hw|hand ?wheel(?: angle)?)", "angle",
     ),
     Named("vehicle/steering", "position.road_wheel_front", _ROAD_WHEEL, "angle"),
 )  # fmt: skip
