@@ -652,6 +652,8 @@ def test_an_interval_is_about_its_size_and_wider_than_what_the_windows_agree_in(
     low, high = interval(value, spread)
     assert (low + high) / 2 == pytest.approx(value, abs=1e-9)
     assert (high - low) / 2 >= 1.64 * max(spread, THRESHOLDS.size_error * abs(value))
+    assert interval(value, spread, left=0.5) == (low, high)
+    assert np.diff(interval(value, spread, left=3.0)) >= high - low  # what else is left out shifts a size as well
 
 
 def test_of_a_set_the_effect_that_is_likelier_absent_than_present_is_not_named_but_said_besides():

@@ -104,7 +104,7 @@ def _known_entry(known: Beforehand, shown: Fit, residuals: Residuals, validation
         unseen = _lost(validation.residuals, validation.comparisons.held_out(shown)[1], without)
     extra = effect.model_fields[known.field].json_schema_extra
     assert isinstance(extra, dict)
-    around = interval(value, deviation)
+    around = interval(value, deviation, residuals.level(shown.residuals))
     return EffectEntry(
         id=known.effect, sentence=effect.sentence, sensor=known.field if effect.delays else None,
         parameters=(Size(name=known.field, unit=str(extra["unit"]), value=value, interval_90=around),),
@@ -114,7 +114,7 @@ def _known_entry(known: Beforehand, shown: Fit, residuals: Residuals, validation
 
 
 def _refitted(known: Beforehand, shown: Fit) -> tuple[float, float]:
-    """The size of a defect that was known before a fit, and its standard deviation, after it."""
+    """The size of a defect that was known before a fit, and its standard deviation, after the fit."""
     names = [parameter.name for parameter in shown.free_parameters]
     if known.parameter not in names:
         return known.value, known.deviation
@@ -231,7 +231,8 @@ def _profile(hypothesis: Hypothesis, candidate: Candidate, dataset: Dataset) -> 
 
 
 def _interval(hypothesis: Hypothesis, parameter: FreeParameter) -> tuple[float, float]:
-    return interval(hypothesis.sizes[parameter.name], hypothesis.deviations[parameter.name])
+    left = Residuals.level(hypothesis.fit.residuals)
+    return interval(hypothesis.sizes[parameter.name], hypothesis.deviations[parameter.name], left)
 
 
 def _point(dataset: Dataset, abscissa: float) -> dict[str, float]:
@@ -267,14 +268,17 @@ def base_parameters(base: Fit, explained: Fit | None) -> dict[str, BaseParameter
     }
 
 
-def errors(residuals: Residuals, base: Fit, shown: Fit, validation: Validation) -> dict[str, SignalErrors]:
-    """Root mean square errors of each signal in its unit with the base fit and with the one that is `shown`, in
+def errors(residuals: Residuals, before: Fit, shown: Fit, validation: Validation) -> dict[str, SignalErrors]:
+    """Root mean square errors of each signal in its unit with the fit `before` and with the one that is `shown`, in
     training and on what was held out."""
     units = {name: signal.unit for name, signal in compared_signals().items()}
-    training = _before_and_after(residuals, base.residuals, shown.residuals)
+    training = _before_and_after(residuals, before.residuals, shown.residuals)
     held_out: dict[str, Errors] = {}
     if validation.residuals is not None:
-        held_out = _before_and_after(validation.residuals, *validation.comparisons.held_out(shown))
+        first, then = validation.comparisons.held_out(shown)
+        if before.parameter_set is not validation.base.parameter_set:
+            first = validation.residuals(before.parameter_set, first)
+        held_out = _before_and_after(validation.residuals, first, then)
     return {
         name: SignalErrors(unit=units[name], training=of_training, held_out=held_out.get(name))
         for name, of_training in training.items()

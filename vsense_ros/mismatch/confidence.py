@@ -17,7 +17,10 @@ def confidence(gain: float, other: float, thresholds: Thresholds = THRESHOLDS) -
     return float(thresholds.clear_name / (1 + np.exp(-thresholds.by_lead * lead)))
 
 
-def interval(value: float, spread: float, thresholds: Thresholds = THRESHOLDS) -> tuple[float, float]:
-    """The 90 % interval of a size in which windows agree to a standard deviation of `spread`."""
-    half = NORMAL_90 * float(np.hypot(spread, thresholds.size_error * value))
+def interval(
+    value: float, spread: float, left: float = 1.0, thresholds: Thresholds = THRESHOLDS
+) -> tuple[float, float]:
+    """The 90 % interval of a size in which windows agree to a standard deviation of `spread`, where the root mean
+    square of the residuals is `left`, in standard deviations: what else is left out shifts it as well."""
+    half = NORMAL_90 * float(np.hypot(spread, thresholds.size_error * max(1.0, left) * value))
     return value - half, value + half

@@ -245,7 +245,21 @@ class _Explainer:
         alike, drive_next = what_looks_alike(search, judged)
         self.answer = self.answer.with_(remarks=(*self.answer.remarks, *said, *alike), drive_next=drive_next)
         self._answered(search, judged, validation, shown)
-        return Explanation(self.answer, _traces(search, shown, validation), self._extended(search, judged, shown))
+        traces = _traces(search, self._before(search), shown, validation)
+        return Explanation(self.answer, traces, self._extended(search, judged, shown))
+
+    def _before(self, search: Search) -> Fit:
+        """The base fit as the vehicle file has the sensors, without the defects that were known beforehand; with them
+        where a car that is driven by such sensors gets lost."""
+        values, start = search.base.parameter_set.values, search.residuals.predictor.start.values
+        of_file = {one.parameter: start[one.parameter] - one.value for one in self.known if one.parameter in values}
+        if not of_file:
+            return search.base
+        without = search.base.parameter_set.changed(of_file)
+        try:
+            return replace(search.base, parameter_set=without, residuals=search.residuals(without))
+        except DivergedError:
+            return search.base
 
     def _refused(self, reason: str, search: Search, judged: Judged, validation: Validation) -> Explanation:
         """That nothing can be said, for a reason that the fit of the base parameters shows, with that fit."""
@@ -258,7 +272,7 @@ class _Explainer:
             base=entries.base_parameters(base, None),
             misfit=residuals.level(base.residuals),
         )
-        return Explanation(self.answer, _traces(search, base, validation))
+        return Explanation(self.answer, _traces(search, base, base, validation))
 
     def _out_of_reach(self, kinds: Collection[str]) -> dict[str, str]:
         """Effects that these kinds of sensors say nothing of, with the reason."""
@@ -315,19 +329,19 @@ class _Explainer:
         residuals, base, leader = search.residuals, search.base, judged.leader
         effects = tuple(entries.effect_entries(judged, residuals.predictor.dataset, validation))
         effects = entries.with_known(effects, self.known, shown, residuals, validation)
-        begins = self._onset(search, judged)
+        begins, before = self._onset(search, judged), self._before(search)
         term = None  # without known physics, for the residual that defects known before any fit do not explain
         if judged.verdict == "unknown" and self._known_explains(effects):
             term, judged = leader, replace(judged, verdict="named", partial=True)
         answer = self.answer.with_(
             verdict="named" if self.known and judged.verdict == "no_mismatch" else judged.verdict,
             by_pieces=leader is not None and validation.comparisons.by_pieces(leader.fit),
-            located=located(residuals, base, judged, validation, effects),
+            located=located(residuals, before, judged, validation, effects),
             effects=effects,
             answer_set=entries.answer_set(judged, self.known),
             rivals=entries.rivals(judged, self.known),
             evidence=entries.evidence(search),
-            fit=entries.errors(residuals, base, shown, validation),
+            fit=entries.errors(residuals, before, shown, validation),
             base=entries.base_parameters(base, leader.fit if leader is not None else None),
             misfit=residuals.level(base.residuals),
             onset=entries.since(begins),
@@ -398,12 +412,12 @@ def _without_parameters(base: Fit) -> Fit:
     return replace(base, free_parameters=(), offsets=np.zeros(0), slopes=slopes)
 
 
-def _traces(search: Search, shown: Fit, validation: Validation) -> list[Trace]:
+def _traces(search: Search, before: Fit, shown: Fit, validation: Validation) -> list[Trace]:
     """The curves of all windows, held out or not."""
-    residuals, base = search.residuals, search.base
-    traces = entries.traces(residuals, base, residuals.predictor.simulated(shown.parameter_set), False)
+    residuals = search.residuals
+    traces = entries.traces(residuals, before, residuals.predictor.simulated(shown.parameter_set), False)
     if validation.residuals is not None:
-        traces += entries.traces(validation.residuals, base, validation.comparisons.simulated(shown), True)
+        traces += entries.traces(validation.residuals, before, validation.comparisons.simulated(shown), True)
     return traces
 
 

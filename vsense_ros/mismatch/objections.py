@@ -128,7 +128,7 @@ def negligible(e: Hypothesis, thresholds: Thresholds) -> list[Candidate]:
     def matters(parameter: FreeParameter) -> bool:
         """True if a size is worth reporting, and zero is outside of the reported interval."""
         size = sizes[parameter.name]
-        low, high = interval(size, deviations[parameter.name], thresholds)
+        low, high = interval(size, deviations[parameter.name], thresholds=thresholds)
         return abs(size) >= thresholds.negligible_size * parameter.likely and not low <= 0.0 <= high
 
     return [c for c in e.candidates if c.free_parameters and not any(map(matters, c.free_parameters))]
