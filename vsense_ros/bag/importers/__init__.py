@@ -112,9 +112,9 @@ def find_importer(path: str | Path, options: Collection[str] = ()) -> Importer:
         raise InputError(f"{path}: the folder is empty; expected a recording")
     if converter := converter_of(path):
         raise InputError(f"{path}: {converter}")
-    names = "; ".join(f"{importer.name}: {importer.description}" for importer in known)
-    lacking = "".join(f"; {sentence}" for sentence in sorted(_modules()[1]))
-    raise InputError(f"{path}: no importer knows this. Known: {names}{lacking}")
+    names = "".join(f"\n  {importer.name}: {importer.description}" for importer in known)
+    lacking = "".join(f"\n{sentence}" for sentence in sorted(_modules()[1]))
+    raise InputError(f"{path}: no importer knows this. Known are{names}{lacking}")
 
 
 def _matches(importer: Importer, path: Path) -> bool:
