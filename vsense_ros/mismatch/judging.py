@@ -34,7 +34,8 @@ def judged_with_further(search: Search, proposed: list[Hypothesis], validation: 
     judged = verdict(hypotheses)
     named = judged.verdict == "named" and not judged.partial
     begin, rounds = [judged.leader] if named and judged.leader is not None else [], 1
-    if not named and (promising or validation.something_unexplained()):
+    worth_trying = promising or validation.something_unexplained() or search.promised > EFFORT.clear_promise * least
+    if not named and worth_trying:
         begin, rounds = search.single(), EFFORT.most_effects
         prepare(begin)
         hypotheses += begin

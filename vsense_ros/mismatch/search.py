@@ -74,6 +74,13 @@ class Search:
         single = (c for c in self.offered if not c.along_road)
         return frozenset(c.effect for c in single if any(map(leaves_a_trace, c.free_parameters)))
 
+    @cached_property
+    def promised(self) -> float:
+        """What the most promising candidate alone would gain by the linear model, in training and left out in turn. Of
+        a base parameter far from what it usually is, that is what its effect would cost less."""
+        signatures = self.screening.screened(self.base, (), EFFORT.shortlist)
+        return max((min(signature.gain, signature.score) for signature in signatures), default=0.0)
+
     def single(self) -> list[Hypothesis]:
         """The likeliest candidates alone, fitted in full, best first; profiles of the road among them only where the
         best other one leaves a signal further off than a good model does."""

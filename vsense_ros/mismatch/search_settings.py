@@ -15,6 +15,9 @@ class SearchSettings:
     least_profile_gain: float = 0.06
     # [-] of the best score, below which no profile is fitted: it has a parameter for each place
     promising_share: float = 0.5
+    # Least gains that a single effect promises by the linear model where the evidence finds nothing: cars with nothing
+    # hidden promise at most one.
+    clear_promise: float = 2.0
     trace: float = 1e-6  # [deviations] by which a likely size changes something that was recorded, beyond rounding
     secant: float = 1.0  # [likely offsets]: some effects have no slope at zero
     paired: int = 8  # single hypotheses of which all pairs are tried
