@@ -81,7 +81,7 @@ def ages(dataset: Dataset, vehicle: Vehicle) -> dict[str, Age]:
     latencies, leads = [], []
     for windows in dataset.by_recording():
         lead = _lead(windows, dataset.sensors, vehicle)
-        latencies.append(_late(_lags(windows, dataset.sensors, vehicle, lead), lead))
+        latencies.append(_late(_lags(windows, dataset.sensors, vehicle, lead)))
         leads.append(lead.deviation)
     result = {}
     for source, field in FIELDS.items():
@@ -110,14 +110,14 @@ class _Lead(NamedTuple):
 
 
 def _lead(windows: Sequence[Window], sensors: Mapping[str, SensorBase], vehicle: Vehicle) -> _Lead:
-    speed = max(float(np.nanmedian(np.concatenate([w.speed.value[:, 0] for w in windows]))), WINDOWS.slowest)
     name = best_measuring(sensors.items(), "course")
-    course, ahead = None, vehicle.physics.chassis.cog_to_rear_axle
-    if name is not None:
-        course = sensors[name].kind
-        ahead += float(np.asarray(getattr(sensors[name], "position", np.zeros(3)))[0])
+    if name is None:
+        return _Lead(None, 0.0, 0.0)
+    speed = max(float(np.nanmedian(np.concatenate([w.speed.value[:, 0] for w in windows]))), WINDOWS.slowest)
+    antenna = float(np.asarray(getattr(sensors[name], "position", np.zeros(3)))[0])
+    ahead = vehicle.physics.chassis.cog_to_rear_axle + antenna
     uniform = ahead / 12**0.5
-    return _Lead(course, ahead / speed, float(np.hypot(uniform, LAG_SEARCH.antenna)) / speed)
+    return _Lead(sensors[name].kind, ahead / speed, float(np.hypot(uniform, LAG_SEARCH.antenna)) / speed)
 
 
 def _lags(
@@ -126,7 +126,8 @@ def _lags(
     """The lags between all sources that measure one motion well enough.
 
     A steered wheel leads the motion that answers it, and an accelerometer ahead of the centre of gravity leads as well.
-    Gyro and course are of one rigid body, so that a gyro that is later than the course may lead is late.
+    Gyro and course are of one rigid body, so that a gyro that is later than the course may lead is late, by half of
+    what this may lead less.
     """
     lags: dict[tuple[Source, Source], float] = {}
     for signals, least in zip(
@@ -137,12 +138,14 @@ def _lags(
             matched = match(moving[one], moving[other], LAG_SEARCH.step, LONG_LAGS)
             if matched is None or abs(matched.best) < LAG_SEARCH.least_correlation:
                 continue
-            if (one, other) == (GROUPS[0], lead.course) and _late_rigidly(matched, lead):
-                lags.setdefault((one, other), matched.lag)
+            rigid = (one, other) == (GROUPS[0], lead.course)
+            lag = matched.lag - lead.most / 2 if rigid else matched.lag
+            if rigid and _late_rigidly(matched, lead):
+                lags.setdefault((one, other), lag)
             elif abs(matched.lag) < LAG_SEARCH.least_lag:
                 lags.setdefault((one, other), 0.0)
             elif _clearly_late(matched) or (_smoothed(matched) and GROUPS[1] in (one, other)):
-                lags.setdefault((one, other), matched.lag)
+                lags.setdefault((one, other), lag)
     return lags
 
 
@@ -172,9 +175,9 @@ def _smoothed(matched: Match) -> bool:
     )
 
 
-def _late(lags: _Pairs, lead: _Lead) -> dict[Source, float]:
+def _late(lags: _Pairs) -> dict[Source, float]:
     """How late each source is against those that agree among themselves, which are not late; nothing where it is open
-    who is. What the course may lead a gyro by is halved between the two."""
+    who is."""
     agree = {pair: lag == 0.0 for pair, lag in lags.items()}
     blame = who_is_wrong(agree, {})
     if blame.undecided or not any(agree.values()):
@@ -183,18 +186,13 @@ def _late(lags: _Pairs, lead: _Lead) -> dict[Source, float]:
     late = {source: 0.0 for source in sources if source not in blame.wrong}
     for source in blame.wrong:
         against = [
-            _less_the_lead(lag, (one, other), lead) * (1 if source == one else -1)
+            lag if source == one else -lag
             for (one, other), lag in lags.items()
             if source in (one, other) and (other if source == one else one) not in blame.wrong
         ]
         if against:
             late[source] = float(np.median(against))
     return late
-
-
-def _less_the_lead(lag: float, pair: tuple[Source, Source], lead: _Lead) -> float:
-    """The lag of a gyro behind the course without half of the time by which this may lead."""
-    return lag - lead.most / 2 if pair == (GROUPS[0], lead.course) else lag
 
 
 def _motions(
