@@ -394,7 +394,7 @@ def test_nothing_is_said_to_be_impossible_and_nothing_is_minus_zero(tmp_path):
 
 def test_beside_the_confidence_stands_where_it_comes_from(tmp_path):
     text = read(finding("named"), [], tmp_path).text
-    assert "confidence in the name: how often such names were right on the public split of the examination" in text
+    assert "confidence in the name: how often such names were right in the examination" in text
     assert "BENCHMARKS.md" in text
 
 

@@ -20,6 +20,7 @@ from numpy.typing import NDArray
 
 from vsense_ros.checks.aligned import means_around
 from vsense_ros.checks.blame import who_is_wrong
+from vsense_ros.checks.clocks import SETTINGS as CLOCKS
 from vsense_ros.checks.lags import LONG_LAGS, Match, match
 from vsense_ros.mismatch.windows import WINDOWS, Dataset, Readings, Window
 from vsense_ros.model.effects import EVERY
@@ -48,11 +49,6 @@ class LagSearchSettings:
     least_correlation: float = 0.7  # [-] of two measurements of one motion, at the best lag
     correlation_gain: float = 0.15  # [-] by which that correlation exceeds the one without a lag
     clearance: float = 0.05  # [-] by which it exceeds that at any other lag: a slalom looks the same one period later
-    # What a filter has smoothed is nearly as alike at lags beside the best one; it is late where hardly anything is
-    # alike without a lag.
-    smoothed_lag: float = 0.6  # [s] of what is smoothed
-    smoothed_correlation: float = 0.87  # [-] at the best lag
-    smoothed_explained: float = 3.0  # [-] unexplained variance without that lag, over that with it
     deviation: float = 0.06  # [s] standard deviation of a lag from correlation
     least_compared: float = 8.0  # [s] that are compared
     least_turning: float = 0.02  # [rad/s] standard deviation of a turning rate that shows a lag
@@ -167,11 +163,11 @@ def _clearly_late(matched: Match) -> bool:
 
 
 def _smoothed(matched: Match) -> bool:
-    """True if two signals are alike at one lag and those beside it, as after a filter."""
+    """True if two signals are alike at one lag and those beside it, as after a filter, and hardly without a lag."""
     return (
-        abs(matched.lag) > LAG_SEARCH.smoothed_lag
-        and abs(matched.best) > LAG_SEARCH.smoothed_correlation
-        and matched.explained > LAG_SEARCH.smoothed_explained
+        abs(matched.lag) > CLOCKS.gaining_lag
+        and abs(matched.best) > CLOCKS.gaining_correlation
+        and matched.explained > CLOCKS.gaining_explained
     )
 
 

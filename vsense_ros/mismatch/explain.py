@@ -244,8 +244,9 @@ class _Explainer:
         said = [*remarks(judged, Evidence(validation, shown, kinds, beyond, varying)), *not_proven(self.known)]
         alike, drive_next = what_looks_alike(search, judged)
         self.answer = self.answer.with_(remarks=(*self.answer.remarks, *said, *alike), drive_next=drive_next)
-        self._answered(search, judged, validation, shown)
-        traces = _traces(search, self._before(search), shown, validation)
+        before = self._before(search)
+        self._answered(search, judged, validation, before, shown)
+        traces = _traces(search, before, shown, validation)
         return Explanation(self.answer, traces, self._extended(search, judged, shown))
 
     def _before(self, search: Search) -> Fit:
@@ -325,11 +326,11 @@ class _Explainer:
             return judged
         return replace(judged, verdict="named", leader=hypotheses[0], rivals=(hypotheses[0],))
 
-    def _answered(self, search: Search, judged: Judged, validation: Validation, shown: Fit) -> None:
+    def _answered(self, search: Search, judged: Judged, validation: Validation, before: Fit, shown: Fit) -> None:
         residuals, base, leader = search.residuals, search.base, judged.leader
         effects = tuple(entries.effect_entries(judged, residuals.predictor.dataset, validation))
         effects = entries.with_known(effects, self.known, shown, residuals, validation)
-        begins, before = self._onset(search, judged), self._before(search)
+        begins = self._onset(search, judged)
         term = None  # without known physics, for the residual that defects known before any fit do not explain
         if judged.verdict == "unknown" and self._known_explains(effects):
             term, judged = leader, replace(judged, verdict="named", partial=True)

@@ -175,7 +175,7 @@ def _size_headlines(sure: Sequence[tuple[EffectRow, EffectEntry]]) -> list[Headl
         known = f"along the road, {size.known}" if size.figure else f"90 % interval {size.known}"
         result.append((size.figure or size.value, f"{what}, {known}"))
     of = "confidence in the name" if len(sure) == 1 else "confidence in the less certain name"
-    calibrated = "how often such names were right on the public split of the examination"
+    calibrated = "how often such names were right in the examination"
     return [*result, (probability(min(effect.confidence for _, effect in sure)), f"{of}: {calibrated}")]
 
 

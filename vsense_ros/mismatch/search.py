@@ -78,13 +78,17 @@ class Search:
     def promised(self) -> float:
         """What the most promising candidate alone would gain by the linear model, in training and left out in turn. Of
         a base parameter far from what it usually is, that is what its effect would cost less."""
-        signatures = self.screening.screened(self.base, (), EFFORT.shortlist)
-        return max((min(signature.gain, signature.score) for signature in signatures), default=0.0)
+        return max((min(signature.gain, signature.score) for signature in self._screened), default=0.0)
+
+    @cached_property
+    def _screened(self) -> list[Signature]:
+        """The likeliest candidates alone, with one size for all of the road."""
+        return self.screening.screened(self.base, (), EFFORT.shortlist)
 
     def single(self) -> list[Hypothesis]:
         """The likeliest candidates alone, fitted in full, best first; profiles of the road among them only where the
         best other one leaves a signal further off than a good model does."""
-        fitted = self._refined(self.fitting.fitted(self.screening.screened(self.base, (), EFFORT.shortlist)))
+        fitted = self._refined(self.fitting.fitted(self._screened))
         if any(c.along_road for c in self.offered) and self.leaves_something(fitted[0].fit if fitted else self.base):
             self.screening.roads_may_vary = True
             known = {e.candidates for e in fitted}
