@@ -76,6 +76,20 @@ def test_a_car_that_a_torque_holds_at_a_speed_goes_where_it_goes_in_full(vehicle
     _is_that_of_a_simulation(loop, known, faster)
 
 
+def test_a_car_on_ice_that_a_torque_holds_at_a_speed_goes_where_it_goes_in_full(vehicle, loop):
+    """Wheels without grip follow such a torque faster than a row lasts."""
+    icy = vehicle.with_parameters({"front.grip_scale": 0.1, "rear.grip_scale": 0.1})
+    run = driven(icy, 15.0)
+    inputs = run.inputs.inputs.copy()
+    inputs[:, TORQUES] = 0.0
+    gain = np.full((STEPS, 4), icy.physics.chassis.mass * 0.3**2 / 4 / 0.15)
+    held = replace(run, inputs=replace(run.inputs, inputs=inputs, target=np.full(STEPS, 15.0 / 0.3), gain=gain))
+    known = Differences(loop).known([held], loop.runs([held]))[0]
+    steered = inputs.copy()
+    steered[:, 0] *= 1.02
+    _is_that_of_a_simulation(loop, known, replace(held, inputs=replace(held.inputs, inputs=steered)))
+
+
 def _is_that_of_a_simulation(loop, known, run) -> None:
     """What a run changes in velocities of the known motion is what it changes in full, within a twentieth, or a few
     ten-thousandths of the motion. The first second does not count, in which a car comes to rest on its springs."""

@@ -150,8 +150,8 @@ def _factors_function(car: Car) -> ca.Function:
     return ca.Function("factors", arguments, results, {"cse": True})
 
 
-def advance_function(car: Car) -> ca.Function:
-    """(…, h, inverse, by_q) → q, u after a step of `h` [s].
+def advance_function(car: Car, with_udot: bool = False) -> ca.Function:
+    """(…, h, inverse, by_q) → q, u after a step of `h` [s]; `with_udot`, also the derivatives of u before it.
 
     `inverse` is (I - γ h (∂f/∂u + γ h ∂f/∂q N))⁻¹ (14×14), `by_q` the Jacobian by the dynamic coordinates (14×7).
     """
@@ -159,9 +159,9 @@ def advance_function(car: Car) -> ca.Function:
     inverse = ca.MX.sym("inverse", COORDINATES, COORDINATES)
     by_q = ca.MX.sym("by_q", COORDINATES, len(DYNAMIC_COORDINATES))
     (q, u), other_arguments = state[:2], state[2:]
-    rate, rate_u, moved, responses, rows, known = _first_stage(car)(*state, h)
+    rate, udot, moved, responses, rows, known = _first_stage(car)(*state, h)
     # Stages without the stiffening are plain; Woodbury's identity brings it in.
-    plain = ca.mac(inverse, ca.mac(by_q, moved, rate_u), ca.MX.zeros(COORDINATES))
+    plain = ca.mac(inverse, ca.mac(by_q, moved, udot), ca.MX.zeros(COORDINATES))
     common = {
         "q": q,
         "u": u,
@@ -178,8 +178,10 @@ def advance_function(car: Car) -> ca.Function:
     )
     plain = ca.mac(inverse, ca.mac(by_q, moved, right_u), ca.MX.zeros(COORDINATES))
     results = _called("end", _end, **common, **first, reduced=reduced, right_q=right_q, plain=plain)
-    arguments = [*state, h, inverse, by_q]
-    return ca.Function("advance", arguments, results, [*_names(car), "h", "inverse", "by_q"], ["r0", "r1"])
+    arguments, names = [*state, h, inverse, by_q], ["r0", "r1"]
+    if with_udot:
+        results, names = [*results, udot], [*names, "r2"]
+    return ca.Function("advance", arguments, results, [*_names(car), "h", "inverse", "by_q"], names)
 
 
 def _called(name: str, make: Callable[..., list[ca.SX]], **arguments: ca.MX) -> list[ca.MX]:

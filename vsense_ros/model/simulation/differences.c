@@ -6,7 +6,7 @@
 struct along {
     long long rows, every;
     double h;                                            /* of a row [s] */
-    const anywhere *q, *u, *inputs, *disturbances, *varying; /* one row per row of the motions */
+    const anywhere *q, *u, *inputs, *gain, *disturbances, *varying; /* one row per row of the motions */
     const anywhere *parameters;
     long long varied;
     const long long *places;
@@ -16,7 +16,8 @@ struct along {
 #define JACOBIAN (COORDINATES * COORDINATES + COORDINATES * DYNAMIC)
 
 void jacobians_along(const struct along *r) {
-    lanes work[LINEARIZE_WORK], parameters[PARAMETERS], memory[MEMORY + 1], force[COORDINATES], udot[COORDINATES];
+    lanes work[LINEARIZE_WORK + ACCELERATIONS_WORK], parameters[PARAMETERS], memory[MEMORY + 1], force[COORDINATES];
+    lanes udot[COORDINATES], pull[WHEELS];
     lanes q[COORDINATES], u[COORDINATES], inputs[INPUTS], disturbances[DISTURBANCES];
     lanes by_u[COORDINATES * COORDINATES], by_q_rates[COORDINATES * COORDINATES], found[JACOBIAN];
     lanes *inverse = found, *by_q = found + COORDINATES * COORDINATES;
@@ -33,6 +34,8 @@ void jacobians_along(const struct along *r) {
         for (int k = 0; k < DISTURBANCES; k++) disturbances[k] = r->disturbances[DISTURBANCES * row + k];
         for (long long k = 0; k < r->varied; k++) parameters[r->places[k]] = r->varying[r->varied * row + k];
         linearize(in, linearized, work);
+        for (int k = 0; k < WHEELS; k++) pull[k] = r->gain[WHEELS * row + k];
+        by_held_speed(in, inputs, pull, udot, by_u, work);
         for (int k = 0; k < COORDINATES * COORDINATES; k++) inverse[k] = -gh * (by_u[k] + gh * by_q_rates[k]);
         for (int k = 0; k < COORDINATES; k++) inverse[k * (COORDINATES + 1)] += 1;
         invert(inverse);
@@ -79,7 +82,7 @@ static void apart_in(struct cars *c, long long row, const lanes *apart_q, const 
     for (long long k = 0; k < r->varied; k++) c->parameters[r->places[k]] = r->varying[r->varied * row + k];
     const lanes behind = r->target[row] - (c->u[SPIN] + c->u[SPIN + 1] + c->u[SPIN + 2] + c->u[SPIN + 3]) / 4;
     for (int k = 0; k < INPUTS; k++) c->inputs[k] = r->inputs[INPUTS * row + k];
-    for (int k = 0; k < WHEELS; k++) c->inputs[1 + k] += r->gain[WHEELS * row + k] * behind;
+    for (int k = 0; k < WHEELS; k++) c->inputs[TORQUES + k] += r->gain[WHEELS * row + k] * behind;
     const lanes *state[7] = {c->q, c->u, c->force, c->disturbances, c->inputs, c->parameters, c->memory};
     const lanes *of_known[3] = {known_q, known_u, around}, *own[3] = {c->q, c->u, c->disturbances};
     lanes *by_time[1] = {c->rate_u}, *moving[1] = {c->rate}, *moved[1] = {known};

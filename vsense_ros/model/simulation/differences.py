@@ -32,7 +32,7 @@ class _Along(ctypes.Structure):
 
     _fields_ = (
         *_STEPS,
-        *((name, Doubles) for name in ("q", "u", "inputs", "disturbances", "varying", "parameters")),
+        *((name, Doubles) for name in ("q", "u", "inputs", "gain", "disturbances", "varying", "parameters")),
         ("varied", ctypes.c_longlong),
         ("places", Integers),
         ("jacobians", Doubles),
@@ -87,6 +87,7 @@ class Differences:
             beside(lanes, rows, *(motion.q for motion in motions)),
             beside(lanes, rows, *(motion.u for motion in motions)),
             beside(lanes, rows, *(self._driven(run, motion) for run, motion in zip(runs, motions, strict=True))),
+            beside(lanes, rows, *(run.inputs.held[1][:: self._loop.keep] for run in runs)),
             beside(lanes, rows, *(run.inputs.disturbances[:: self._loop.keep] for run in runs)),
             beside(lanes, rows, *(varying_of(run, names, places)[:: self._loop.keep] for run in runs)),
             in_lanes(lanes, *(run.parameters for run in runs)),

@@ -47,6 +47,19 @@ static void keep(double *kept, const lanes *state, const long long *alive, long 
             for (int k = 0; k < COORDINATES; k++) kept[(lane * rows + row) * COORDINATES + k] = state[k][lane];
 }
 
+/* Adds to `by_u` what torques do that hold a speed, as they follow the mean spin by the gains `pull`. Accelerations,
+ * which are `udot` with the `inputs` of `in`, are linear in them. */
+static void by_held_speed(
+    const lanes *const *in, lanes *inputs, const lanes *pull, const lanes *udot, lanes *by_u, lanes *work
+) {
+    lanes pulled[COORDINATES], *accelerated[1] = {pulled};
+    for (int k = 0; k < WHEELS; k++) inputs[TORQUES + k] += pull[k];
+    accelerations(in, accelerated, work);
+    for (int k = 0; k < WHEELS; k++) inputs[TORQUES + k] -= pull[k];
+    for (int wheel = SPIN; wheel < SPIN + WHEELS; wheel++)
+        for (int k = 0; k < COORDINATES; k++) by_u[wheel * COORDINATES + k] -= (pulled[k] - udot[k]) / WHEELS;
+}
+
 /* A lane whose motion leaves the range of numbers goes no further. */
 void open_loop(const struct run *r) {
     static const int of_work = LINEARIZE_WORK + ACCELERATIONS_WORK + ADVANCE_WORK + INTERNAL_STATE_WORK;
@@ -54,12 +67,11 @@ void open_loop(const struct run *r) {
     lanes q[COORDINATES], u[COORDINATES], force[COORDINATES], udot[COORDINATES];
     lanes next_q[COORDINATES], next_u[COORDINATES], inputs[INPUTS], before[INPUTS], between[INPUTS];
     lanes disturbances[DISTURBANCES], by_q[COORDINATES * DYNAMIC], by_u[COORDINATES * COORDINATES];
-    lanes by_q_rates[COORDINATES * COORDINATES], inverse[COORDINATES * COORDINATES];
+    lanes by_q_rates[COORDINATES * COORDINATES], inverse[COORDINATES * COORDINATES], pull[WHEELS];
     const lanes h = all(r->h), gh = GAMMA * h;
     const lanes *in[10] = {q, u, force, disturbances, inputs, parameters, memory, &h, inverse, by_q};
     const lanes *in_between[8] = {q, u, force, disturbances, between, parameters, memory, &h};
-    lanes *linearized[4] = {udot, by_q, by_u, by_q_rates}, *advanced[2] = {next_q, next_u};
-    lanes *accelerated[1] = {udot};
+    lanes *linearized[4] = {udot, by_q, by_u, by_q_rates}, *advanced[3] = {next_q, next_u, udot};
     long long alive[LANES], most = 0;
     for (int lane = 0; lane < LANES; lane++) {
         alive[lane] = -1, r->kept[lane] = 0;
@@ -92,23 +104,23 @@ void open_loop(const struct run *r) {
                 if (alive[lane] && i + 1 == r->steps[lane])
                     for (int k = 0; k < MEMORY; k++) r->remembered[lane * MEMORY + k] = memory[k][lane];
         }
-        const int renewed = i % r->renew == 0;
-        if (renewed) {
+        if (i % r->renew == 0) {
             linearize(in, linearized, work);
+            for (int k = 0; k < WHEELS; k++) pull[k] = r->gain[WHEELS * i + k];
+            by_held_speed(in, inputs, pull, udot, by_u, work);
             for (int k = 0; k < COORDINATES * COORDINATES; k++) inverse[k] = -gh * (by_u[k] + gh * by_q_rates[k]);
             for (int k = 0; k < COORDINATES; k++) inverse[k * (COORDINATES + 1)] += 1;
             invert(inverse);
         }
+        advance(in, advanced, work);
         if (i % r->keep == 0) {
             const long long row = i / r->keep;
-            if (!renewed) accelerations(in, accelerated, work);
             keep(r->kept_q, q, alive, row, r->rows);
             keep(r->kept_u, u, alive, row, r->rows);
             keep(r->kept_udot, udot, alive, row, r->rows);
             for (int lane = 0; lane < LANES; lane++)
                 if (alive[lane]) r->kept[lane] = row + 1;
         }
-        advance(in, advanced, work);
         lanes sum = all(0);
         for (int k = 0; k < COORDINATES; k++) sum += next_u[k] + next_q[k];
         for (int lane = 0; lane < LANES; lane++)

@@ -151,7 +151,7 @@ class OpenLoop:
         driving, around = np.zeros(len(INPUTS)), np.zeros(len(DISTURBANCES))
         arguments = [now_q, now_u, np.zeros(size), around, driving, parameters, internal_state]
         h, inverse = np.array([inputs.step]), np.zeros(size**2)
-        linearize, accelerations = (Kernel(functions[name], arguments) for name in ("linearize", "accelerations"))
+        linearize = Kernel(functions["linearize"], arguments)
         _, by_q, by_u, by_q_rates = linearize.results
         # The internal state belongs to the beginning of a step, inputs to its middle.
         inputs_at_begin, before = np.zeros(len(INPUTS)), np.zeros(len(INPUTS))
@@ -170,20 +170,27 @@ class OpenLoop:
                 before[:] = driving
                 move_on.call()
                 internal_state[:] = move_on.results[0][:, 0]
-            if i % self.keep == 0:
-                accelerations.call()
-                for column, value in zip(recorded, (now_q, now_u, accelerations.results[0].ravel()), strict=True):
-                    column[i // self.keep] = value
             if i % self.renew == 0:
                 linearize.call()
+                held = np.zeros((size, size))
+                if inputs.gain is not None:  # torques that hold a speed follow the mean spin
+                    udot = linearize.results[0].copy()
+                    driving[TORQUES] += inputs.gain[i]
+                    linearize.call()
+                    held[:, SPIN] = (udot - linearize.results[0]) / len(WHEELS)
+                    driving[TORQUES] -= inputs.gain[i]
+                    linearize.call()
                 try:
-                    inverse[:] = np.linalg.inv(unit - scale * (by_u + scale * by_q_rates)).reshape(-1, order="F")
+                    inverse[:] = np.linalg.inv(unit - scale * (by_u + held + scale * by_q_rates)).reshape(-1, order="F")
                 except np.linalg.LinAlgError:
                     return
             advance.call()
-            if not np.isfinite(sum(result.sum() for result in advance.results)):
+            if i % self.keep == 0:
+                for column, value in zip(recorded, (now_q, now_u, advance.results[2].ravel()), strict=True):
+                    column[i // self.keep] = value
+            if not np.isfinite(sum(result.sum() for result in advance.results[:2])):
                 return
-            now_q[:], now_u[:] = (result[:, 0] for result in advance.results)
+            now_q[:], now_u[:] = (result[:, 0] for result in advance.results[:2])
         motion.internal_state[:] = internal_state
 
 
@@ -272,7 +279,7 @@ def _functions(car: Car) -> dict[str, ca.Function]:
     functions = [
         ca.Function("linearize", state, [udot, by_q, by_u, by_q_rates]),
         accelerations_function(car).expand(),
-        advance_function(car).expand(),
+        advance_function(car, with_udot=True).expand(),
         ca.Function("rates", [car.q, car.u, car.disturbances], [ca.densify(car.kinematics)], {"cse": True}),
     ]
     if car.internal_state.numel():
