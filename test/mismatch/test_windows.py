@@ -6,10 +6,14 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 
 from hidden import driven, prototype, unheard
 from vsense_ros.messages.recording import Recording
-from vsense_ros.mismatch.windows import build_dataset
+from vsense_ros.mismatch.driving import cut_off
+from vsense_ros.mismatch.prediction_settings import PREDICTION
+from vsense_ros.mismatch.windows import Readings, _averaged, build_dataset
 
 
 def turned_about(recording: Recording) -> Recording:
@@ -88,3 +92,44 @@ def test_recordings_of_two_evidences_are_told_apart_where_they_are_joined():
     assert [w.recording for w in whole.windows] == [0, 1, 2]
     assert len(whole.by_recording()) == len(whole.recordings) == 3
     assert whole.driven == pytest.approx(3 * fitted.driven)
+
+
+@given(seed=st.integers(0, 999), rate=st.sampled_from([150.0, 200.0, 500.0, 1000.0]))
+def test_a_quick_sensor_is_averaged_over_each_hundredth_of_a_second(seed, rate):
+    rng = np.random.default_rng(seed)
+    t = 3.0 + np.cumsum(rng.uniform(0.8, 1.2, 400)) / rate
+    value = rng.normal(size=(400, 2))
+    value[rng.random((400, 2)) < 0.2] = np.nan
+    at, mean = _averaged(t, value)
+    cells = np.floor((t - t[0]) / 0.01)
+    for row, cell in enumerate(np.unique(cells)):
+        inside = cells == cell
+        assert at[row] == pytest.approx(t[inside].mean())
+        for column in range(2):
+            known = value[inside, column][np.isfinite(value[inside, column])]
+            assert mean[row, column] == pytest.approx(known.mean() if len(known) else np.nan, nan_ok=True)
+
+
+def test_a_sensor_that_gives_a_value_for_each_hundredth_of_a_second_is_left_as_it_is():
+    t, value = np.arange(100) * 0.01, np.arange(200.0).reshape(100, 2)
+    at, same = _averaged(t, value)
+    assert at is t
+    assert same is value
+
+
+@pytest.mark.parametrize("noise", [0.01, 0.03, 0.1])
+@pytest.mark.parametrize("rate", [25.0, 100.0])
+def test_a_noisy_speed_jolts_the_car_that_follows_it_no_more_than_is_allowed(noise, rate):
+    t = np.arange(0.0, 400.0, 1 / rate)
+    white = np.random.default_rng(1).normal(0.0, noise, len(t))
+    frequency = cut_off(Readings(t, (20.0 + 3.0 * np.sin(0.6 * t) + white)[:, None]))
+    assert PREDICTION.slowest < frequency < PREDICTION.quickest
+    # Parseval: the spectrum of the noise below the frequency, times that of the derivative.
+    spectrum, at = np.fft.rfft(white), np.fft.rfftfreq(len(t), 1 / rate)
+    jolts = np.sqrt(2 * np.sum(np.abs(2 * np.pi * at * spectrum)[at < frequency] ** 2)) / len(t)
+    assert jolts == pytest.approx(PREDICTION.jolted, rel=0.25)
+
+
+def test_a_speed_without_noise_is_followed_as_quickly_as_any():
+    t = np.arange(0.0, 60.0, 0.01)
+    assert cut_off(Readings(t, (20.0 + 3.0 * np.sin(0.6 * t))[:, None])) == PREDICTION.quickest

@@ -8,14 +8,17 @@ from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.linalg import solve_banded
 from scipy.ndimage import uniform_filter1d
+from scipy.signal import butter, sosfiltfilt
+from scipy.stats import median_abs_deviation
 
 from vsense_ros.errors import InputError
 from vsense_ros.identification.parameter_set import ParameterSet
 from vsense_ros.mismatch.candidates import TORQUE_SHARES
 from vsense_ros.mismatch.prediction_settings import PREDICTION, middle_of_steps
 from vsense_ros.mismatch.road_in_windows import RoadInWindow
-from vsense_ros.mismatch.windows import INPUTS, SPEEDS, WINDOWS, Dataset
+from vsense_ros.mismatch.windows import INPUTS, SPEEDS, WINDOWS, Dataset, Readings
 from vsense_ros.model.constants import GRAVITY
 from vsense_ros.model.coordinates import INPUTS as INPUT_NAMES
 from vsense_ros.model.coordinates import SPIN, STEERING, TORQUES, YAW, Y
@@ -107,12 +110,12 @@ class Drives:
         inputs = np.zeros((len(middle), len(INPUT_NAMES)))
         steering = window.readings[self.sensor_that_measures(window.readings, "steering") or ""]
         measured = np.isfinite(steering.value[:, 0])
-        inputs[:, STEERING] = np.interp(middle + steering_late, steering.t[measured], steering.value[measured, 0])
+        inputs[:, STEERING] = _means(middle + steering_late, steering.t[measured], steering.value[measured, 0])
         if window.torques:
             torques = window.readings[self.sensor_that_measures(window.readings, "torques") or ""]
             known = np.isfinite(torques.value).all(axis=1)
             for wheel, torque in enumerate(torques.value[known].T, TORQUES.start):
-                inputs[:, wheel] = np.interp(middle + torques_late, torques.t[known], torque)
+                inputs[:, wheel] = _means(middle + torques_late, torques.t[known], torque)
         return _Recorded(inputs, *self._rolling(index, speed_late))
 
     @cached_property
@@ -132,10 +135,16 @@ class Drives:
         a car whose tyres slip then moves, where the speed is older than its stamps say [s]."""
         window = self.dataset.windows[index]
         speed = np.interp(middle_of_steps(window) + late, window.speed.t, window.speed.value[:, 0])
+        speed = _low_passed(speed, 1 / PREDICTION.step, self._cut_off[index])
         if "rolling speed" in self.dataset.sensors[self._speedometer[index]].measures:
             return speed, _of_the_car(speed)
         acceleration = np.gradient(speed, PREDICTION.step)
         return speed * (1 + acceleration / (PREDICTION.slip_stiffness * GRAVITY)), acceleration
+
+    @cached_property
+    def _cut_off(self) -> list[float]:
+        """`cut_off` of the speed, by window."""
+        return [cut_off(window.speed) for window in self.dataset.windows]
 
     def driven_axles(self, parameter_set: ParameterSet) -> frozenset[str]:
         """The axles that are driven: by wheel torques where they are measured, else by what is assumed of unknown
@@ -160,15 +169,43 @@ class Drives:
         )
 
 
+def _means(middle: Array, t: Array, values: Array) -> Array:
+    """Means of values (m,) at times `t` (m,) over steps with these middles (n,) [s]."""
+    parts = (np.arange(PREDICTION.parts) + 0.5) / PREDICTION.parts - 0.5
+    return np.asarray(np.interp(middle[:, None] + parts * PREDICTION.step, t, values).mean(axis=1))
+
+
+def cut_off(speed: Readings) -> float:
+    """Frequency [Hz] up to which a car follows a measured speed (n, 1) [m/s]: the highest, of those from
+    `PREDICTION.slowest` to `PREDICTION.quickest`, below which the noise of the speed is an acceleration of no more than
+    `PREDICTION.jolted`.
+
+    White noise with a density of N gives the derivative below a frequency f a variance of (2π)² N f³ / 3. The density
+    is that of what is left above `PREDICTION.driven`, where a driver does not change a car's speed.
+    """
+    rate = 1 / float(np.median(np.diff(speed.t)))
+    if rate < PREDICTION.sampled * PREDICTION.driven:
+        return PREDICTION.quickest
+    values = np.interp(np.arange(speed.t[0], speed.t[-1], 1 / rate), speed.t, speed.value[:, 0])
+    fast = values - _low_passed(values, rate, PREDICTION.driven)
+    density = float(median_abs_deviation(fast, scale="normal")) ** 2 / (rate / 2 - PREDICTION.driven)
+    highest = np.cbrt(3 * PREDICTION.jolted**2 / ((2 * np.pi) ** 2 * max(density, 1e-12)))
+    return float(np.clip(highest, PREDICTION.slowest, PREDICTION.quickest))
+
+
+def _low_passed(values: Array, rate: float, frequency: float) -> Array:
+    """Values (n,) sampled at a rate [Hz], without what is faster than a frequency [Hz]; nothing is late by it."""
+    return np.asarray(sosfiltfilt(butter(2, frequency, fs=rate, output="sos"), values))
+
+
 def _of_the_car(rolling: Array) -> Array:
     """Acceleration [m/s²] of a car that follows its wheels, which roll at these speeds (n,) [m/s], by their slip."""
-    speed, slips = rolling[0], np.zeros(len(rolling))
-    for i, wheels in enumerate(rolling):
-        slips[i] = (wheels - speed) / (
-            PREDICTION.step + max(speed, WINDOWS.slowest) / (PREDICTION.slip_stiffness * GRAVITY)
-        )
-        speed += slips[i] * PREDICTION.step
-    return slips
+    lag = PREDICTION.step + np.maximum(rolling, WINDOWS.slowest) / (PREDICTION.slip_stiffness * GRAVITY)
+    share = PREDICTION.step / lag
+    bands = np.ones((2, len(rolling)))  # of the matrix by which the car's speed follows, step after step
+    bands[1] = share - 1
+    speed = solve_banded((1, 0), bands, np.append(rolling[0], (share * rolling)[:-1]))
+    return np.asarray((rolling - speed) / lag)
 
 
 def _of_each_wheel(acceleration: Array, driving: float, braking: float) -> Array:

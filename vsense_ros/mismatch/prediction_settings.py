@@ -14,11 +14,11 @@ from vsense_ros.mismatch.windows import Window
 class PredictionSettings:
     """Settings of the simulation of windows: decisions of this project."""
 
-    step: float = 0.005  # [s] of the simulation
+    step: float = 0.005  # [s] of the simulation …
+    parts: int = 4  # … in which inputs are what they are in the mean of so many parts
     keep_every: int = 2  # steps
-    renew_every: int = (
-        8  # steps after which the Jacobian is renewed: states are the same to 1e-5 with it in every second
-    )
+    # steps after which the Jacobian is renewed: signals are the same to 0.003 standard deviations with it in every one
+    renew_every: int = 16
     side_by_side: int = 16  # runs that are given to the vectors at once, about: twice what the widest hold (AVX-512)
     remembered: int = 3  # motions of each window, besides those that are foreseen
     spun: float = 0.5  # [rad] of side slip from which cars do not come back
@@ -27,6 +27,12 @@ class PredictionSettings:
     cornering_stiffness: float = 14.0  # [1/rad] lateral force over load per slip angle, where a window begins
     braked: float = 0.6  # [m/s²] of deceleration that needs brakes: less is drag and engine
     smoothing: float = 0.3  # [s] of the mean that separates driving from braking
+    # [m/s²] of acceleration that the noise of a measured speed may give the car that follows it …
+    jolted: float = 0.1
+    slowest: float = 0.5  # [Hz] … which follows at least what is slower than this …
+    quickest: float = 10.0  # [Hz] … and nothing that is faster than this
+    driven: float = 6.0  # [Hz] above which a measured speed shows its noise and no driving …
+    sampled: float = 3.0  # [-] … if it is sampled so many times as fast
     driving_torque: float = 1.0  # [N m] of torque that a driven wheel exceeds in a twentieth of the time, at least
     driving_percentile: float = 95.0  # [%] of the time below that torque
     not_driven_share: float = 0.15  # [-] of the torque, of all or of the other axle, below which an axle is not driven

@@ -150,7 +150,7 @@ class Predictor:
         runs = [self.drives.run(i, way, self._remembered[i]) for i, way in enumerate(known)]
         # Torques that hold a measured speed change from step to step, and a motion is stored once in several steps.
         windows = enumerate(zip(moved, self.dataset.windows, strict=True))
-        held = [i for i, (one, window) in windows if window.torques and np.isinf(one.lost_from)]
+        held = [i for i, (one, window) in windows if np.isinf(one.lost_from)]
         self._near.begin({i: (known[i].key, runs[i], moved[i].motion) for i in held}, quick)
         for index in held:
             self._drive_near(self._near, index, [ways[index] for ways in every])

@@ -38,7 +38,8 @@ class WindowSettings:
     holding_time: float = 0.15
     slow_period: float = 0.05  # [s] between two speeds; if it is longer, the accelerometer is used in between
     crossover: float = 0.5  # [Hz] above which the accelerometer gives such a speed
-    grid: float = 0.01  # [s] of such a speed, and of signals before they are filtered
+    grid: float = 0.01  # [s] of such a speed, and of signals before they are filtered …
+    several: float = 0.75  # [steps of the grid] … from one measurement to the next, below which means are taken
     largest_gap: float = 0.5  # [s] without a message that a window may contain
 
 
@@ -254,6 +255,7 @@ def _read(recording: Recording, sensor: SensorBase, on_map: Map) -> Readings | s
         stamp, value = stamp[order], value[order]
     t = np.asarray((stamp - recording.first_stamp) * 1e-9, dtype=np.float64)
     value = _at_one_time(t, value, sensor.ages() - sensor.latency)
+    t, value = _averaged(t, value)
     of_car = sensor.in_axes_of_car(value)
     return Readings(t, of_car, None if of_car is value else value)
 
@@ -270,6 +272,19 @@ def _at_one_time(t: Array, value: Array, older: Array) -> Array:
             interpolated[:, column] = np.interp(t, at, value[present, column], np.nan, np.nan)
             interpolated[~present, column] = np.nan
     return interpolated
+
+
+def _averaged(t: Array, value: Array) -> tuple[Array, Array]:
+    """Measurements (n, m) at times (n,) as means of those in each step of the grid [s], where there are several: what
+    is faster than the grid would be taken for something slower. A component is NaN where all of them are."""
+    if np.median(np.diff(t)) > WINDOWS.several * WINDOWS.grid:
+        return t, value
+    cell = np.floor((t - t[0]) / WINDOWS.grid)
+    first = np.flatnonzero(np.diff(cell, prepend=-1.0))
+    present = np.isfinite(value)
+    with np.errstate(invalid="ignore"):
+        mean = np.add.reduceat(np.where(present, value, 0.0), first) / np.add.reduceat(present, first, dtype=float)
+    return np.add.reduceat(t, first) / np.diff(first, append=len(t)), mean
 
 
 def _of(readings: Mapping[str, Readings], sensors: Mapping[str, SensorBase], what: MeasuredQuantity) -> Readings | None:
