@@ -38,14 +38,12 @@ class SearchSettings:
     # [-] times that, tried in this order until the simulation diverges in no block
     secant_factors: tuple[float, float, float] = (1.0, -1.0, 0.25)
     sufficient_share: float = 0.25  # [-] share of the fall that the slopes promise, with which a step is taken
-    # [-] steps that are tried in this order: what the diagonal of the normal matrix grows by, as a share of
-    # itself, and shares of the step along an arc
-    caution: tuple[
-        tuple[float, tuple[float, float, float]],
-        tuple[float, tuple[float]],
-        tuple[float, tuple[float]],
-        tuple[float, tuple[float]],
-    ] = ((0.0, (1.0, 0.3, 0.1)), (0.1, (1.0,)), (1.0, (1.0,)), (10.0, (1.0,)))
+    # [-] steps that are tried in this order, from the one on before that which was taken last: what the diagonal of the
+    # normal matrix grows by, as a share of itself, and shares of the step along an arc
+    caution: tuple[tuple[float, tuple[float, ...]], ...] = (
+        (0.0, (1.0, 0.3)), (0.1, (1.0,)), (1.0, (1.0,)), (10.0, (1.0,)),
+    )  # fmt: skip
+    worth_caution: float = 1e-2  # [-] relative fall of the value that a step with caution promises, to be tried
     most_bent: float = 1.5  # [-] that an arc is bent, over the length of the step
     converged_fall: float = 2e-3  # [-] relative fall of the value, actual or promised, that ends the iterations
     unconverged_fall: float = 0.05  # [-] relative fall in the last iteration from which on the fit has not converged
@@ -365,6 +363,7 @@ def fit_each(
 
 
 _Fitting = Generator[ParameterSet, None, Fit]  # what is simulated next, and then the fit
+_Stepping = Generator[ParameterSet, None, tuple[Fit, int]]  # the same, and which of `SEARCH.caution` it took
 
 
 def _side_by_side(residuals: ResidualFunction, fittings: Iterable[_Fitting]) -> list[Fit]:
@@ -404,10 +403,10 @@ def _fitting(
     best = Fit(parameter_set, tuple(free_parameters), begin, residual_blocks, [], 0.0)
     slopes = first.slopes if first else slopes_at(residuals, start, best, progress, settings.step)
     best = replace(best, slopes=slopes)
-    fall = 0.0
+    fall, taken = 0.0, 0
     for iteration in range(settings.iterations):
         present = replace(best, weight=_weight(settings, first, best))
-        best = yield from _stepped(residuals, start, present, instead, settings.longest)
+        best, taken = yield from _stepped(residuals, start, present, instead, settings.longest, max(0, taken - 1))
         fall = 1 - best.value / max(present.value, 1e-12)
         progress()
         if fall < SEARCH.converged_fall:
@@ -440,9 +439,11 @@ def _best_start(residuals: ResidualFunction, start: ParameterSet, free_parameter
 
 
 def _stepped(
-    residuals: ResidualFunction, start: ParameterSet, present: Fit, instead: Sequence[Array] | None, longest: float
-) -> _Fitting:
-    """A fit one step further along the slopes, which learn from it; the same fit if no step is better.
+    residuals: ResidualFunction, start: ParameterSet, present: Fit, instead: Sequence[Array] | None, longest: float,
+    least: int,
+) -> _Stepping:  # fmt: skip
+    """A fit one step further along the slopes, which learn from it, with a caution of `SEARCH` from the `least` on; the
+    same fit if no step is better.
 
     What a step that was too long missed shows how the way bends: a shorter one follows the arc (as the geodesic
     acceleration of Transtrum and Sethna, 2012, does, with a second derivative that costs no simulation).
@@ -451,10 +452,10 @@ def _stepped(
     low, high = np.array([k.low for k in present.free_parameters]), np.array([k.high for k in present.free_parameters])
     normal, right = _products_of(present.slopes), _with_residuals(present.slopes, present.residuals)
     best = present
-    for caution, shares in SEARCH.caution:
+    for taken, (caution, shares) in enumerate(SEARCH.caution[least:], start=least):
         step = _change(normal, right, present.scaled_offsets, present.weight, caution, longest)
         promised = _promised(present, step)
-        if promised < SEARCH.converged_fall * present.value:
+        if promised < (SEARCH.worth_caution if caution else SEARCH.converged_fall) * present.value:
             break
         bend = np.zeros(len(step))
         for share in shares:
@@ -470,11 +471,11 @@ def _stepped(
             if tried.value < best.value:
                 best = _with_updated_slopes(present, tried, missed)
             if present.value - tried.value > SEARCH.sufficient_share * share * (2 - share) * promised:
-                return best
+                return best, taken
             bent = _with_residuals(present.slopes, [2 * m / share**2 for m in missed])
             bend = _change(normal, bent, np.zeros(len(step)), present.weight, caution)
             bend *= min(1.0, SEARCH.most_bent * float(np.linalg.norm(step)) / max(float(np.linalg.norm(bend)), 1e-12))
-    return best
+    return best, taken
 
 
 def _promised(present: Fit, step: Array) -> float:
