@@ -165,6 +165,12 @@ class Proposing:
         joints = [(rest, self._with(hypothesis.fit, {}, rest)) for rest in new]
         return self._fitted(joints, hypothesis.evident)
 
+    def with_only(self, hypothesis: Hypothesis, effects: Set[str]) -> Hypothesis:
+        """A hypothesis with some of its effects only, by id, fitted."""
+        rest = tuple(c for c in hypothesis.candidates if c.effect in effects)
+        (fitted,) = self._fitted([(rest, self._with(hypothesis.fit, {}, rest))], hypothesis.evident)
+        return fitted
+
     def _fitted(
         self, joints: Sequence[tuple[tuple[Candidate, ...], Fit]], probabilities: Mapping[str, float]
     ) -> list[Hypothesis]:

@@ -121,8 +121,9 @@ class Search:
         prepare: Callable[[Sequence[Hypothesis]], None],
     ) -> list[Hypothesis]:
         """The best of the proposed sets that held-out recordings can prove without those effects of which the evidence
-        is not sure, or which hardly matter there, and each of these sets without any one of its parts. `proven` is what
-        a hypothesis gains there, and `prepare` simulates several side by side."""
+        is not sure, or which hardly matter there, and each of these sets without any one of its parts. What hardly
+        matters is left out at once where the rest then proves as much, else one after the other. `proven` is what a
+        hypothesis gains there, and `prepare` simulates several side by side."""
         found: list[Hypothesis] = []
         best = max(list(filter(is_trusted, provable)) or provable, key=proven, default=None)
         while best is not None and len(best.candidates) > 1:
@@ -138,7 +139,15 @@ class Search:
             least = doubted if doubtful else min(best.effects, key=self.adds.__getitem__)
             if not doubtful and self.adds[least] > THRESHOLDS.evident_gain:
                 break
+            weak = set() if doubtful else {id for id in best.effects if self.adds[id] <= THRESHOLDS.evident_gain}
             best = next(e for e in without if least not in e.effects)
+            if 1 < len(weak) <= len(best.effects):
+                smaller = self._proposing.with_only(best, set(best.effects) - weak)
+                prepare([smaller])
+                found.append(smaller)
+                known = proven(smaller)
+                if (proven(best) - known) / max(1 - known, self.least_whole) <= THRESHOLDS.evident_gain:
+                    best = smaller
         return found
 
     def without_each(
