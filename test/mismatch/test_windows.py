@@ -123,13 +123,13 @@ def test_a_noisy_speed_jolts_the_car_that_follows_it_no_more_than_is_allowed(noi
     t = np.arange(0.0, 400.0, 1 / rate)
     white = np.random.default_rng(1).normal(0.0, noise, len(t))
     frequency = cut_off(Readings(t, (20.0 + 3.0 * np.sin(0.6 * t) + white)[:, None]))
-    assert PREDICTION.slowest < frequency < PREDICTION.quickest
+    assert PREDICTION.lowest_cut_off < frequency < PREDICTION.highest_cut_off
     # Parseval: the spectrum of the noise below the frequency, times that of the derivative.
     spectrum, at = np.fft.rfft(white), np.fft.rfftfreq(len(t), 1 / rate)
     jolts = np.sqrt(2 * np.sum(np.abs(2 * np.pi * at * spectrum)[at < frequency] ** 2)) / len(t)
-    assert jolts == pytest.approx(PREDICTION.jolted, rel=0.25)
+    assert jolts == pytest.approx(PREDICTION.noise_acceleration, rel=0.25)
 
 
 def test_a_speed_without_noise_is_followed_as_quickly_as_any():
     t = np.arange(0.0, 60.0, 0.01)
-    assert cut_off(Readings(t, (20.0 + 3.0 * np.sin(0.6 * t))[:, None])) == PREDICTION.quickest
+    assert cut_off(Readings(t, (20.0 + 3.0 * np.sin(0.6 * t))[:, None])) == PREDICTION.highest_cut_off

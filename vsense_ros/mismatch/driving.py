@@ -176,21 +176,20 @@ def _means(middle: Array, t: Array, values: Array) -> Array:
 
 
 def cut_off(speed: Readings) -> float:
-    """Frequency [Hz] up to which a car follows a measured speed (n, 1) [m/s]: the highest, of those from
-    `PREDICTION.slowest` to `PREDICTION.quickest`, below which the noise of the speed is an acceleration of no more than
-    `PREDICTION.jolted`.
+    """Frequency [Hz] up to which a car follows a measured speed (n, 1) [m/s]: the highest one below which the noise of
+    the speed is an acceleration of no more than `PREDICTION.noise_acceleration`, within limits.
 
     White noise with a density of N gives the derivative below a frequency f a variance of (2π)² N f³ / 3. The density
-    is that of what is left above `PREDICTION.driven`, where a driver does not change a car's speed.
+    is that of what is left above `PREDICTION.noise_above`.
     """
     rate = 1 / float(np.median(np.diff(speed.t)))
-    if rate < PREDICTION.sampled * PREDICTION.driven:
-        return PREDICTION.quickest
+    if rate < PREDICTION.least_sampling * PREDICTION.noise_above:
+        return PREDICTION.highest_cut_off
     values = np.interp(np.arange(speed.t[0], speed.t[-1], 1 / rate), speed.t, speed.value[:, 0])
-    fast = values - _low_passed(values, rate, PREDICTION.driven)
-    density = float(median_abs_deviation(fast, scale="normal")) ** 2 / (rate / 2 - PREDICTION.driven)
-    highest = np.cbrt(3 * PREDICTION.jolted**2 / ((2 * np.pi) ** 2 * max(density, 1e-12)))
-    return float(np.clip(highest, PREDICTION.slowest, PREDICTION.quickest))
+    fast = values - _low_passed(values, rate, PREDICTION.noise_above)
+    density = float(median_abs_deviation(fast, scale="normal")) ** 2 / (rate / 2 - PREDICTION.noise_above)
+    highest = np.cbrt(3 * PREDICTION.noise_acceleration**2 / ((2 * np.pi) ** 2 * max(density, 1e-12)))
+    return float(np.clip(highest, PREDICTION.lowest_cut_off, PREDICTION.highest_cut_off))
 
 
 def _low_passed(values: Array, rate: float, frequency: float) -> Array:

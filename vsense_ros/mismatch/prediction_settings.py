@@ -27,12 +27,13 @@ class PredictionSettings:
     cornering_stiffness: float = 14.0  # [1/rad] lateral force over load per slip angle, where a window begins
     braked: float = 0.6  # [m/s²] of deceleration that needs brakes: less is drag and engine
     smoothing: float = 0.3  # [s] of the mean that separates driving from braking
-    # [m/s²] of acceleration that the noise of a measured speed may give the car that follows it …
-    jolted: float = 0.1
-    slowest: float = 0.5  # [Hz] … which follows at least what is slower than this …
-    quickest: float = 10.0  # [Hz] … and nothing that is faster than this
-    driven: float = 6.0  # [Hz] above which a measured speed shows its noise and no driving …
-    sampled: float = 3.0  # [-] … if it is sampled so many times as fast
+    # [m/s²] that the noise of a measured speed may add to the acceleration of the car that follows it, which decides up
+    # to which frequency it does
+    noise_acceleration: float = 0.1
+    lowest_cut_off: float = 0.5  # [Hz]
+    highest_cut_off: float = 10.0  # [Hz]
+    noise_above: float = 6.0  # [Hz] where a measured speed shows its noise and no driving
+    least_sampling: float = 3.0  # [-] times that frequency, below which the noise of a speed is not known
     driving_torque: float = 1.0  # [N m] of torque that a driven wheel exceeds in a twentieth of the time, at least
     driving_percentile: float = 95.0  # [%] of the time below that torque
     not_driven_share: float = 0.15  # [-] of the torque, of all or of the other axle, below which an axle is not driven
