@@ -9,7 +9,7 @@ import pytest
 
 from hidden import driven as driven_by
 from hidden import having, prototype, silent, without
-from vsense_ros.identification.least_squares import fit
+from vsense_ros.identification.least_squares import Settings, fit, slope, slopes_by
 from vsense_ros.mismatch.candidates import TORQUE_SHARES, base_parameters, unknown_torques
 from vsense_ros.mismatch.residuals import Residuals
 from vsense_ros.mismatch.simulation import Predictor
@@ -41,6 +41,15 @@ def test_a_car_accelerates_as_its_wheels_do_less_their_slip():
     off = residuals.deviations(residuals(residuals.predictor.start.changed(dict.fromkeys(TORQUE_SHARES, 0.5))))
     assert off["longitudinal_acceleration"] < 1.0
     assert off["pitch_rate"] < 1.0
+
+
+def test_secants_of_a_car_that_follows_a_speed_are_those_of_whole_simulations():
+    residuals = untold(0.5, "brake again")
+    start, free_parameters = residuals.predictor.start, base_parameters(residuals.predictor.vehicle)
+    fitted = fit(residuals, start, free_parameters, settings=Settings(iterations=1))
+    for parameter, near in zip(free_parameters, slopes_by(residuals, start, fitted, free_parameters), strict=True):
+        whole = np.concatenate(slope(residuals, start, fitted, parameter))
+        assert np.linalg.norm(np.concatenate(near) - whole) < 0.1 * np.linalg.norm(whole) + 0.5, parameter.name
 
 
 def test_a_gnss_velocity_now_and_then_and_an_accelerometer_tell_how_a_car_brakes():

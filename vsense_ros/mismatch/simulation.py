@@ -49,7 +49,7 @@ class Predictor:
         # Parameter sets that are driven at once. Motions near a known one, of one window at a time, need as many as
         # there are lanes; with more, long recordings would only take more memory.
         self.ahead = _at_once(len(dataset.windows), self._loop.lanes)
-        if self._near is not None and any(window.torques for window in dataset.windows):
+        if self._near is not None:
             self.ahead = max(self.ahead, self._loop.lanes)
         self._asked: list[tuple[ParameterSet, Mapping[str, SensorBase], list[Driving]]] = []  # the last at the end
         self._kept = PREDICTION.remembered + self.ahead
@@ -138,8 +138,8 @@ class Predictor:
 
     def foresee_near(self, near: ParameterSet, parameter_sets: Sequence[ParameterSet]) -> None:
         """Drive the windows with up to `ahead` parameter sets by how far they are from one that is `near` them, for
-        secants: what is then asked of these objects is known. Driven in full are windows in which a car gets lost or
-        torques are not measured, and all of them for parameter sets that `_in_full` is true of."""
+        secants: what is then asked of these objects is known. Driven in full are windows in which a car gets lost, and
+        all of them for parameter sets that `_in_full` is true of."""
         quick = [one for one in parameter_sets if not self._in_full(one)]
         if self._near is None or self._in_full(near) or not quick:
             return self.foresee(parameter_sets)
@@ -148,11 +148,9 @@ class Predictor:
         _, known = self._ways(near)
         moved = [one for one, _ in self._all_moved(near)]
         runs = [self.drives.run(i, way, self._remembered[i]) for i, way in enumerate(known)]
-        # Torques that hold a measured speed change from step to step, and a motion is stored once in several steps.
-        windows = enumerate(zip(moved, self.dataset.windows, strict=True))
-        held = [i for i, (one, window) in windows if np.isinf(one.lost_from)]
-        self._near.begin({i: (known[i].key, runs[i], moved[i].motion) for i in held}, quick)
-        for index in held:
+        on_the_road = [i for i, one in enumerate(moved) if np.isinf(one.lost_from)]
+        self._near.begin({i: (known[i].key, runs[i], moved[i].motion) for i in on_the_road}, quick)
+        for index in on_the_road:
             self._drive_near(self._near, index, [ways[index] for ways in every])
 
     def _drive_near(self, near: MotionsNear, index: int, ways: Sequence[Driving]) -> None:
