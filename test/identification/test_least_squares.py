@@ -95,15 +95,12 @@ OFFSETS = st.tuples(*[st.integers(-20, 20).map(lambda tenths: tenths / 10)] * le
 
 @settings(deadline=None, max_examples=40)
 @given(OFFSETS, OFFSETS)
-@example((-1.3, -1.9, 0.0), (0.0, 1.4, -1.8))  # where the slopes of the beginning, corrected by each step, stop short
 def test_a_fit_follows_a_valley_in_which_mass_and_resistances_stand_in_for_one_another(hidden, from_where):
     deviations = np.array(list(DEVIATIONS.values()))
     true, begin = np.array(hidden) * deviations, np.array(from_where) * deviations
     residuals = Speeds(**dict(zip(DEVIATIONS, true, strict=True)))
     first = begun(residuals, begin)
-    before = fit(residuals, NOMINAL, first.free_parameters, first=first)
-    slopes = slopes_at(residuals, NOMINAL, before)
-    found = fit(residuals, NOMINAL, first.free_parameters, first=replace(before, slopes=slopes))
+    found = fit(residuals, NOMINAL, first.free_parameters, first=first)
 
     def all_residuals(scaled: np.ndarray) -> np.ndarray:
         (off,) = residuals(ParameterSet(dict(zip(DEVIATIONS, scaled * deviations, strict=True))))
@@ -111,7 +108,29 @@ def test_a_fit_follows_a_valley_in_which_mass_and_resistances_stand_in_for_one_a
 
     best = 2 * least_squares(all_residuals, begin / deviations, bounds=(-5, 5)).cost
     assert found.value == pytest.approx(best, rel=0.01)
-    assert before.value - best < 0.05 * (first.value - best) + 0.01 * best
+
+
+@settings(deadline=None, max_examples=40)
+@given(OFFSETS, OFFSETS)
+@example((-1.3, -1.9, 0.0), (0.0, 1.4, -1.8))
+@example((-1.9, -1.1, 0.0), (0.9, -1.3, 0.2))
+def test_a_fit_that_slopes_of_its_beginning_stop_short_goes_on_with_those_of_where_it_is(hidden, from_where):
+    """One beginning in a hundred or two is so far off that the slopes from there, corrected by each step, do not lead
+    to the bottom of the valley."""
+    deviations = np.array(list(DEVIATIONS.values()))
+    true, begin = np.array(hidden) * deviations, np.array(from_where) * deviations
+    residuals = Speeds(**dict(zip(DEVIATIONS, true, strict=True)))
+    first = begun(residuals, begin)
+    stopped = fit(residuals, NOMINAL, first.free_parameters, first=first)
+    slopes = slopes_at(residuals, NOMINAL, stopped)
+    found = fit(residuals, NOMINAL, first.free_parameters, first=replace(stopped, slopes=slopes))
+
+    def all_residuals(scaled: np.ndarray) -> np.ndarray:
+        (off,) = residuals(ParameterSet(dict(zip(DEVIATIONS, scaled * deviations, strict=True))))
+        return np.append(off, np.sqrt(WEIGHT) * scaled)
+
+    best = 2 * least_squares(all_residuals, begin / deviations, bounds=(-5, 5)).cost
+    assert found.value == pytest.approx(best, rel=0.01)
 
 
 @given(st.integers(0, 10_000), st.floats(0.01, 2.0))

@@ -11,6 +11,7 @@ from vsense_ros.identification.parameter_set import ParameterSet
 from vsense_ros.mismatch.candidates import Candidate
 from vsense_ros.mismatch.hypothesis import Hypothesis
 from vsense_ros.mismatch.proposing import Proposing
+from vsense_ros.mismatch.search import Search
 from vsense_ros.mismatch.secants import Secants
 
 T = np.linspace(0.0, 60.0, 400)
@@ -85,6 +86,14 @@ def test_a_set_without_each_of_its_effects_is_fitted_anew(two):
     assert all(rest.fit.value > first.fit.value for rest in without)
 
 
+def test_a_set_with_only_some_of_its_effects_is_that_set_without_the_others(two):
+    first, *_ = two.proposed()
+    (without_bank,) = (rest for rest in two.without_each(first) if rest.effects == ("drag",))
+    only = two.with_only(first, {"drag"})
+    assert only.effects == ("drag",)
+    assert only.sizes == pytest.approx(without_bank.sizes)
+
+
 def test_nothing_is_proposed_where_the_base_parameters_explain_all():
     assert proposing(mass=0.5).proposed() == []
 
@@ -92,3 +101,35 @@ def test_nothing_is_proposed_where_the_base_parameters_explain_all():
 def test_what_is_nearly_as_likely_in_place_of_an_effect_is_proposed_besides():
     first, *others = proposing(wind=0.5).proposed()
     assert {first.effects, *(other.effects for other in others)} == {("wind",), ("lag",)}
+
+
+def reduced(gain, effects="abcd"):
+    """The sets of effects, one letter each, to which `Search.reduced` comes in its order, where one gains what `gain`
+    says."""
+
+    def known(letters):
+        return SimpleNamespace(effects=tuple(letters), candidates=tuple(letters), evident=dict.fromkeys(letters, 1.0))
+
+    search = SimpleNamespace(
+        adds={}, least_whole=0.1,
+        without_each=lambda one, only: [known(sorted(set(one.effects) - {out})) for out in one.effects],
+        _proposing=SimpleNamespace(with_only=lambda one, stay: known(sorted(set(one.effects) & stay))),
+    )  # fmt: skip
+    search._adds_beyond = lambda *arguments: Search._adds_beyond(search, *arguments)
+    found = Search.reduced(search, [known(effects)], lambda one: gain(set(one.effects)), lambda _: None)
+    return ["".join(one.effects) for one in found]
+
+
+def test_effects_that_hardly_matter_are_left_out_together():
+    assert reduced(lambda effects: 0.5 * ("a" in effects)) == ["bcd", "acd", "abd", "abc", "a"]
+
+
+def test_of_effects_that_stand_in_for_one_another_one_stays():
+    found = reduced(lambda effects: 0.4 * ("a" in effects) + 0.3 * bool(effects & {"b", "c"}), "abc")
+    assert found[:3] == ["bc", "ac", "ab"]
+    assert found[3] == "a"  # what the rest gains without all that hardly matter, which is less
+    assert set(found[4:]) == {"a", "c"}  # so one of them is left out, and then each matters
+
+
+def test_where_every_effect_matters_each_is_left_out_once():
+    assert reduced(lambda effects: 0.2 * len(effects)) == ["bcd", "acd", "abd", "abc"]

@@ -110,6 +110,14 @@ def test_a_quick_sensor_is_averaged_over_each_hundredth_of_a_second(seed, rate):
             assert mean[row, column] == pytest.approx(known.mean() if len(known) else np.nan, nan_ok=True)
 
 
+def test_values_that_are_held_for_longer_than_the_grid_are_not_averaged():
+    t = np.arange(2000) / 200.0
+    value = np.repeat(np.random.default_rng(0).normal(size=(400, 1)), 5, axis=0)
+    at, same = _averaged(t, value)
+    assert at is t
+    assert same is value
+
+
 def test_a_sensor_that_gives_a_value_for_each_hundredth_of_a_second_is_left_as_it_is():
     t, value = np.arange(100) * 0.01, np.arange(200.0).reshape(100, 2)
     at, same = _averaged(t, value)

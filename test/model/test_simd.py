@@ -15,6 +15,7 @@ from numpy.testing import assert_allclose
 from vsense_ros import codegen
 from vsense_ros.codegen import rows, simd
 from vsense_ros.codegen.rows import OfRows
+from vsense_ros.mismatch.prediction_settings import PREDICTION
 from vsense_ros.model.car.car import car_of
 from vsense_ros.model.constants import GRAVITY
 from vsense_ros.model.coordinates import INPUTS
@@ -147,9 +148,10 @@ def test_a_car_that_leaves_the_range_of_numbers_stops_alone(vehicle):
     assert np.isnan(lost.internal_state).all()
 
 
-def test_a_jacobian_that_is_renewed_seldom_moves_a_run_by_less_than_a_step_of_twice_the_length(vehicle):
+@pytest.mark.parametrize("renew", [8, PREDICTION.renew_every])
+def test_a_jacobian_that_is_renewed_seldom_moves_a_run_by_less_than_a_step_of_twice_the_length(vehicle, renew):
     run = driven(vehicle, 400, 0.05)
-    every, seldom = (OpenLoop(car_of(vehicle), 2, renew).runs([run])[0] for renew in (1, 8))
+    every, seldom = (OpenLoop(car_of(vehicle), 2, steps).runs([run])[0] for steps in (1, renew))
     inputs = Inputs(0.01, run.inputs.inputs[::2], run.inputs.disturbances[::2])
     longer = OpenLoop(car_of(vehicle), 1).runs([replace(run, inputs=inputs)])[0]
     for name in ("u", "udot"):
@@ -161,7 +163,9 @@ def test_the_loop_without_a_compiler_renews_its_jacobian_as_often(vehicle):
     loop, plain = OpenLoop(car_of(vehicle), 2, 8), OpenLoop(car_of(vehicle), 2, 8)
     plain._compiled = None
     run = driven(vehicle, 60, 0.05)
-    for motion, other in zip(loop.runs([run]), plain.runs([run]), strict=True):
+    held = replace(run.inputs, target=np.full(60, 60.0), gain=np.full((60, 4), 300.0))
+    runs = [run, replace(run, inputs=held)]
+    for motion, other in zip(loop.runs(runs), plain.runs(runs), strict=True):
         for name in ("q", "u", "udot"):
             assert_allclose(getattr(motion, name), getattr(other, name), rtol=1e-9, atol=1e-9)
 

@@ -43,7 +43,6 @@ class SearchSettings:
     caution: tuple[tuple[float, tuple[float, ...]], ...] = (
         (0.0, (1.0, 0.3)), (0.1, (1.0,)), (1.0, (1.0,)), (10.0, (1.0,)),
     )  # fmt: skip
-    worth_caution: float = 1e-2  # [-] relative fall of the value that a step with caution promises, to be tried
     most_bent: float = 1.5  # [-] that an arc is bent, over the length of the step
     converged_fall: float = 2e-3  # [-] relative fall of the value, actual or promised, that ends the iterations
     unconverged_fall: float = 0.05  # [-] relative fall in the last iteration from which on the fit has not converged
@@ -455,7 +454,7 @@ def _stepped(
     for taken, (caution, shares) in enumerate(SEARCH.caution[least:], start=least):
         step = _change(normal, right, present.scaled_offsets, present.weight, caution, longest)
         promised = _promised(present, step)
-        if promised < (SEARCH.worth_caution if caution else SEARCH.converged_fall) * present.value:
+        if promised < SEARCH.converged_fall * present.value:
             break
         bend = np.zeros(len(step))
         for share in shares:

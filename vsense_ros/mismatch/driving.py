@@ -11,13 +11,14 @@ from numpy.typing import NDArray
 from scipy.linalg import solve_banded
 from scipy.ndimage import uniform_filter1d
 from scipy.signal import butter, sosfiltfilt
-from scipy.stats import median_abs_deviation
 
+from vsense_ros.checks.aligned import robust_deviation
 from vsense_ros.errors import InputError
 from vsense_ros.identification.parameter_set import ParameterSet
 from vsense_ros.mismatch.candidates import TORQUE_SHARES
 from vsense_ros.mismatch.prediction_settings import PREDICTION, middle_of_steps
 from vsense_ros.mismatch.road_in_windows import RoadInWindow
+from vsense_ros.mismatch.signals import SIGNALS
 from vsense_ros.mismatch.windows import INPUTS, SPEEDS, WINDOWS, Dataset, Readings
 from vsense_ros.model.constants import GRAVITY
 from vsense_ros.model.coordinates import INPUTS as INPUT_NAMES
@@ -170,7 +171,8 @@ class Drives:
 
 
 def _means(middle: Array, t: Array, values: Array) -> Array:
-    """Means of values (m,) at times `t` (m,) over steps with these middles (n,) [s]."""
+    """Means of values (m,) at times `t` (m,) [s], between which they are linear, over steps with these middles (n,)
+    [s], which may be closer together than the values."""
     parts = (np.arange(PREDICTION.parts) + 0.5) / PREDICTION.parts - 0.5
     return np.asarray(np.interp(middle[:, None] + parts * PREDICTION.step, t, values).mean(axis=1))
 
@@ -180,14 +182,14 @@ def cut_off(speed: Readings) -> float:
     the speed is an acceleration of no more than `PREDICTION.noise_acceleration`, within limits.
 
     White noise with a density of N gives the derivative below a frequency f a variance of (2π)² N f³ / 3. The density
-    is that of what is left above `PREDICTION.noise_above`.
+    is that of what is left above `SIGNALS.cut_off`, where no driving is.
     """
     rate = 1 / float(np.median(np.diff(speed.t)))
-    if rate < PREDICTION.least_sampling * PREDICTION.noise_above:
+    if rate < PREDICTION.least_sampling * SIGNALS.cut_off:
         return PREDICTION.highest_cut_off
     values = np.interp(np.arange(speed.t[0], speed.t[-1], 1 / rate), speed.t, speed.value[:, 0])
-    fast = values - _low_passed(values, rate, PREDICTION.noise_above)
-    density = float(median_abs_deviation(fast, scale="normal")) ** 2 / (rate / 2 - PREDICTION.noise_above)
+    fast = values - _low_passed(values, rate, SIGNALS.cut_off)
+    density = robust_deviation(fast) ** 2 / (rate / 2 - SIGNALS.cut_off)
     highest = np.cbrt(3 * PREDICTION.noise_acceleration**2 / ((2 * np.pi) ** 2 * max(density, 1e-12)))
     return float(np.clip(highest, PREDICTION.lowest_cut_off, PREDICTION.highest_cut_off))
 

@@ -32,8 +32,8 @@ class PredictionSettings:
     noise_acceleration: float = 0.1
     lowest_cut_off: float = 0.5  # [Hz]
     highest_cut_off: float = 10.0  # [Hz]
-    noise_above: float = 6.0  # [Hz] where a measured speed shows its noise and no driving
-    least_sampling: float = 3.0  # [-] times that frequency, below which the noise of a speed is not known
+    # [-] rate of a speed over the cut-off of signals, above which it shows its noise, from which on that is known
+    least_sampling: float = 3.0
     driving_torque: float = 1.0  # [N m] of torque that a driven wheel exceeds in a twentieth of the time, at least
     driving_percentile: float = 95.0  # [%] of the time below that torque
     not_driven_share: float = 0.15  # [-] of the torque, of all or of the other axle, below which an axle is not driven

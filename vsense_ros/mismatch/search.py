@@ -134,21 +134,24 @@ class Search:
             found += without
             for rest in without:
                 (out,) = set(best.effects) - set(rest.effects)
-                known = proven(rest)
-                self.adds[out] = (proven(best) - known) / max(1 - known, self.least_whole)
+                self.adds[out] = self._adds_beyond(rest, best, proven)
             least = doubted if doubtful else min(best.effects, key=self.adds.__getitem__)
             if not doubtful and self.adds[least] > THRESHOLDS.evident_gain:
                 break
-            weak = set() if doubtful else {id for id in best.effects if self.adds[id] <= THRESHOLDS.evident_gain}
+            strong = {id for id in best.effects if self.adds.get(id, 0.0) > THRESHOLDS.evident_gain}
             best = next(e for e in without if least not in e.effects)
-            if 1 < len(weak) <= len(best.effects):
-                smaller = self._proposing.with_only(best, set(best.effects) - weak)
+            if not doubtful and 0 < len(strong) < len(best.effects):
+                smaller = self._proposing.with_only(best, strong)
                 prepare([smaller])
                 found.append(smaller)
-                known = proven(smaller)
-                if (proven(best) - known) / max(1 - known, self.least_whole) <= THRESHOLDS.evident_gain:
+                if self._adds_beyond(smaller, best, proven) <= THRESHOLDS.evident_gain:
                     best = smaller
         return found
+
+    def _adds_beyond(self, fewer: Hypothesis, more: Hypothesis, proven: Callable[[Hypothesis], float]) -> float:
+        """What a hypothesis gains of what one with fewer effects leaves."""
+        known = proven(fewer)
+        return (proven(more) - known) / max(1 - known, self.least_whole)
 
     def without_each(
         self, hypothesis: Hypothesis, known: Set[frozenset[str]] = frozenset(), only: str | None = None

@@ -15,6 +15,7 @@ from scipy.integrate import cumulative_trapezoid
 from scipy.signal import butter, sosfiltfilt
 
 from vsense_ros.checks.aligned import stretches
+from vsense_ros.checks.held import period_of_updates
 from vsense_ros.estimation.reading import Map, Reader
 from vsense_ros.messages.recording import Recording
 from vsense_ros.mismatch.road import ROAD_SETTINGS, Road, points
@@ -276,8 +277,9 @@ def _at_one_time(t: Array, value: Array, older: Array) -> Array:
 
 def _averaged(t: Array, value: Array) -> tuple[Array, Array]:
     """Measurements (n, m) at times (n,) as means of those in each step of the grid [s], where there are several: what
-    is faster than the grid would be taken for something slower. A component is NaN where all of them are."""
-    if np.median(np.diff(t)) > WINDOWS.several * WINDOWS.grid:
+    is faster than the grid would be taken for something slower. A component is NaN where all of them are. Values that
+    are held for longer than that stay, so that it is seen that they are."""
+    if np.median(np.diff(t)) * (period_of_updates(value) or 1) > WINDOWS.several * WINDOWS.grid:
         return t, value
     cell = np.floor((t - t[0]) / WINDOWS.grid)
     first = np.flatnonzero(np.diff(cell, prepend=-1.0))

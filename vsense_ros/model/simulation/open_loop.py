@@ -158,30 +158,29 @@ class OpenLoop:
         from_beginning = [*arguments[:4], inputs_at_begin, *arguments[5:], h]
         move_on = Kernel(functions["internal_state"], from_beginning) if internal_state.size else None
         advance = Kernel(functions["advance"], [*arguments, h, inverse, by_q.reshape(-1, order="F")])
-        unit, scale = np.eye(size), GAMMA * inputs.step
+        unit, scale, by_held_speed = np.eye(size), GAMMA * inputs.step, np.zeros((size, size))
+        target, gain = inputs.held
         for i in range(len(inputs)):
             driving[:], around[:] = inputs.inputs[i], inputs.disturbances[i]
             for name, values in inputs.varying.items():
                 parameters[self.place[name]] = values[i]
-            if inputs.gain is not None and inputs.target is not None:
-                driving[TORQUES] += inputs.gain[i] * (inputs.target[i] - now_u[SPIN].mean())
+            driving[TORQUES] += gain[i] * (target[i] - now_u[SPIN].mean())
             if move_on is not None:
                 inputs_at_begin[:] = (before + driving) / 2 if i else driving
                 before[:] = driving
                 move_on.call()
                 internal_state[:] = move_on.results[0][:, 0]
             if i % self.renew == 0:
+                # Torques that hold a speed follow the mean spin. Accelerations are linear in them.
+                driving[TORQUES] += gain[i]
                 linearize.call()
-                held = np.zeros((size, size))
-                if inputs.gain is not None:  # torques that hold a speed follow the mean spin
-                    udot = linearize.results[0].copy()
-                    driving[TORQUES] += inputs.gain[i]
-                    linearize.call()
-                    held[:, SPIN] = (udot - linearize.results[0]) / len(WHEELS)
-                    driving[TORQUES] -= inputs.gain[i]
-                    linearize.call()
+                pulled = linearize.results[0].copy()
+                driving[TORQUES] -= gain[i]
+                linearize.call()
+                by_held_speed[:, SPIN] = (linearize.results[0] - pulled) / len(WHEELS)
                 try:
-                    inverse[:] = np.linalg.inv(unit - scale * (by_u + held + scale * by_q_rates)).reshape(-1, order="F")
+                    matrix = by_u + by_held_speed + scale * by_q_rates
+                    inverse[:] = np.linalg.inv(unit - scale * matrix).reshape(-1, order="F")
                 except np.linalg.LinAlgError:
                     return
             advance.call()
