@@ -62,7 +62,7 @@ NEXT_TEST = NextTest(
     d_prime=6.0, information=18.0, pair=("imu_roll_misalignment", "accelerometer_bias"),
 )  # fmt: skip
 SENTENCES = {
-    "named": "The model leaves out a roll of the inertial sensor in its mounting (0.7°); with it the squared "
+    "named": "The model leaves out a roll of the inertial sensor in its mounting (0.7°). With it the squared "
     "error falls by 68 %, and by 54 % on recordings it was not fitted to.",
     "ambiguous": "These recordings cannot determine which it is: a roll of the inertial sensor in its mounting, or "
     "a bias of its lateral acceleration.",

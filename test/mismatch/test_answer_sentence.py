@@ -11,7 +11,7 @@ from vsense_ros.mismatch.answer_sentence import conditions, sentence
 from vsense_ros.mismatch.beforehand import delays
 from vsense_ros.mismatch.objections import LITTLE_LASTS, NO_MORE_THAN_CHANCE
 from vsense_ros.mismatch.tables import effect_rows
-from vsense_ros.mismatch.words import badge_of
+from vsense_ros.mismatch.words import badge_of, first_and_rest
 
 LEFT_OUT = "in lap 2 the longitudinal acceleration is 0.42 times the change of the speed; is its unit wrong?"
 
@@ -40,7 +40,17 @@ def test_two_late_sensors_are_said_in_one_breath():
     late = [effect("sensor_delay", 0.2, sensor=name, accepted=True) for name in ("gyro", "accelerometer")]
     said = sentence(finding("named", effects=late))
     assert said.count(late[0].sentence) == 1
-    assert said.count(";") == 2  # between the two sizes, and before what it explains
+    assert said.count(";") == 1  # between the two sizes
+
+
+def test_several_effects_are_listed_in_one_sentence_and_what_they_explain_is_said_in_the_next():
+    effects = [effect(name, 0.2, accepted=True) for name in ("road_bank", "steering_ratio", "crosswind")]
+    headline, rest = first_and_rest(sentence(finding("named", effects=effects)))
+    assert headline.startswith(f"The model leaves out {effects[0].sentence}")
+    assert f"; and {effects[2].sentence}" in headline
+    assert headline.endswith(").")
+    assert rest.startswith("With them the squared error falls by 20 %")
+    assert first_and_rest("Nothing can be said: only 4.2 s of driving can be used.")[1] == ""
 
 
 def test_where_held_out_recordings_have_no_trace_of_an_effect_that_is_said_in_place_of_zero_percent():

@@ -1,4 +1,4 @@
-"""The answer in one sentence or a few."""
+"""The answer in a few sentences."""
 
 from __future__ import annotations
 
@@ -40,11 +40,12 @@ def sentence(answer: Answer) -> str:
     alike: dict[str, list[EffectEntry]] = {}
     for effect in accepted:
         alike.setdefault(physics_in_words(effect), []).append(effect)
-    named = " and ".join(in_words(*effects) for effects in alike.values())
+    named = _listed([in_words(*effects) for effects in alike.values()])
+    falls = f"With {'it' if len(accepted) == 1 else 'them'} {_falls(accepted[0], answer)}."
     if answer.assumed:
-        return f"Assumed, not searched for: {named}; with it {_falls(accepted[0], answer)}."
-    rest = "" if answer.remainder is None else f". Something more is left over{_rest_in_words(answer.remainder)}"
-    return f"The model leaves out {named}; with it {_falls(accepted[0], answer)}{rest}.{_began(answer)}"
+        return f"Assumed, not searched for: {named}. {falls}"
+    rest = "" if answer.remainder is None else f" Something more is left over{_rest_in_words(answer.remainder)}."
+    return f"The model leaves out {named}. {falls}{rest}{_began(answer)}"
 
 
 def conditions(answer: Answer, known: Sequence[Beforehand], left_out: Sequence[str]) -> str:
@@ -64,6 +65,12 @@ def conditions(answer: Answer, known: Sequence[Beforehand], left_out: Sequence[s
     if left_out:
         said += f" Left out of the comparison: {'; '.join(left_out)}{'' if left_out[-1].endswith('?') else '.'}"
     return said
+
+
+def _listed(parts: Sequence[str]) -> str:
+    """Parts of a sentence, which have commas of their own, as one."""
+    *most, last = parts
+    return f"{'; '.join(most)}; and {last}" if most else last
 
 
 def _in_unit(known: Beforehand) -> str:
@@ -131,7 +138,7 @@ def _in_doubt(answer: Answer) -> str:
     doubt = f"these recordings cannot determine which it is: {', or '.join(dict.fromkeys(choices))}.{more}"
     if not shared:
         return doubt[0].upper() + doubt[1:]
-    return f"The model leaves out {' and '.join(BY_ID[id].sentence for id in shared)}. It leaves out more, and {doubt}"
+    return f"The model leaves out {_listed([BY_ID[id].sentence for id in shared])}. It leaves out more, and {doubt}"
 
 
 def _falls(term: EffectEntry | Force, answer: Answer) -> str:

@@ -30,6 +30,7 @@ from vsense_ros.mismatch.tables import (
 from vsense_ros.mismatch.words import (
     badge_of,
     behind,
+    first_and_rest,
     heading,
     label,
     percent,
@@ -57,6 +58,7 @@ def write_report(answer: Answer, traces: Sequence[Trace], path: Path) -> None:
         "explain.html.j2",
         answer=answer,
         badge=badge_of(answer),
+        said=first_and_rest(answer.sentence),
         effects=effects,
         sure=[row for row, is_sure in remain if is_sure],
         left_open=[row for row, is_sure in remain if not is_sure],

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Mapping
 from dataclasses import dataclass
 from math import floor, isfinite, log10, pi
@@ -22,6 +23,7 @@ SIGNAL_UNITS = {**UNITS, "m": ("mm", 1e3)}  # the same for signals, where length
 # Endings of names without a unit that are not given in percent; the changes of shares would pass for relative ones.
 NO_SHARES = ("coefficient", "in driving", "in braking")
 CAPITALS = (*WHEELS, "imu", "gnss")  # words of names that are written in capitals
+END_OF_SENTENCE = re.compile(r"(?<=[.?]) (?=[A-Z])")
 
 
 class Badge(NamedTuple):
@@ -65,6 +67,12 @@ class SizeInWords:
 
     def __str__(self) -> str:
         return f"{self.words} ({self.known})"
+
+
+def first_and_rest(said: str) -> tuple[str, str]:
+    """The first sentence of an answer in words, which is its headline, and those behind it."""
+    first, *others = END_OF_SENTENCE.split(said, maxsplit=1)
+    return first, "".join(others)
 
 
 def label(name: str) -> str:

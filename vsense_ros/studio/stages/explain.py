@@ -69,12 +69,14 @@ def build(bench: Workbench) -> None:
 
 def _show(bench: Workbench, job: Job) -> None:
     from vsense_ros.mismatch.answer_schema import parsed
+    from vsense_ros.mismatch.words import first_and_rest
 
     answer = parsed(job.result["answer"], job.key)
     word, kind = _VERDICTS[answer.verdict]
     with kit.panel("The answer"):
         ui.html(kit.tag(word, kind).html, sanitize=False)
-        ui.html(f"<p>{escape(answer.sentence)}</p>", sanitize=False).classes("vs-answer")
+        first, rest = map(escape, first_and_rest(answer.sentence))
+        ui.html(f"<p><b>{first}</b></p><p>{rest}</p>", sanitize=False).classes("vs-answer")
         kit.sentences(answer.remarks)
         with ui.element("div").classes("vs-row"):
             use = ui.button("Use this car", on_click=lambda: _use(bench, job)).props("unelevated no-caps dense")
