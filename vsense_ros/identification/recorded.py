@@ -12,11 +12,13 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from vsense_ros.checks.noise import white_noise
 from vsense_ros.errors import InputError
 from vsense_ros.estimation.filter import Array
 from vsense_ros.estimation.reading import Map, Reader
 from vsense_ros.identification.best import SETTINGS as BEST
 from vsense_ros.identification.rinsing import Drive, independent, low_passed
+from vsense_ros.identification.smoothing import smoothed
 from vsense_ros.messages.recording import Recording
 from vsense_ros.model.sensors import SensorBase, best_measuring
 from vsense_ros.model.simulation.closed_loop import rolling_radii
@@ -200,6 +202,7 @@ def drives(signals_of_drives: Sequence[Signals], model: str) -> list[Drive]:
         _refuse_spin(recorded, stretch)
         cut_off = cut_off_of(recorded, stretch)
         inputs, raw = inputs[stretch], outputs[stretch]
+        inputs[:, 0] = smoothed(inputs[:, 0], white_noise(inputs[:, 0]), RECORDED.step)
         inputs, outputs = (low_passed(values, RECORDED.step, cut_off) for values in (inputs, raw))
         start = np.zeros(13 if model == "best" else 4)
         if model == "best":
