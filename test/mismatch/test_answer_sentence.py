@@ -11,7 +11,7 @@ from vsense_ros.mismatch.answer_sentence import conditions, sentence
 from vsense_ros.mismatch.beforehand import delays
 from vsense_ros.mismatch.objections import LITTLE_LASTS, NO_MORE_THAN_CHANCE
 from vsense_ros.mismatch.tables import effect_rows
-from vsense_ros.mismatch.words import badge_of, first_and_rest
+from vsense_ros.mismatch.words import badge_of, ended, first_and_rest
 
 LEFT_OUT = "in lap 2 the longitudinal acceleration is 0.42 times the change of the speed; is its unit wrong?"
 
@@ -80,6 +80,10 @@ def test_a_defect_for_which_a_signal_was_left_out_is_said_once():
 def test_of_many_defects_the_sentence_says_how_many_more_there_are():
     said = conditions(finding("unknown", recording_defects=[f"steps in {i}" for i in range(8)]), (), [])
     assert said.endswith("steps in 2; and 5 more, which the remarks list.")
+
+
+def test_a_question_needs_no_full_stop():
+    assert [ended(said) for said in ("Is it?", "It is", "It is.")] == ["Is it?", "It is.", "It is."]
 
 
 def test_an_ambiguous_answer_that_leaves_a_signal_far_off_says_that_there_is_more():

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from vsense_ros.checks.aligned import spread
 from vsense_ros.checks.finding import Confidence, Finding, Kind, Scale
 from vsense_ros.checks.motion import GNSS, GYRO, ROAD_WHEEL, STEERING_WHEEL, WHEELS, Motion
 from vsense_ros.checks.motion import SETTINGS as MOTION
@@ -184,6 +185,9 @@ def steering_size(subject: Subject, before: Sequence[Finding]) -> Iterator[Findi
     motion, topic = subject.motion, subject.topics.get(Role.STEERING)
     reference = None if motion is None else motion.first_turning(GNSS, GYRO, WHEELS)
     if motion is None or topic is None or reference is None:
+        return
+    # Wheels that slip differ also where a car goes straight ahead, as GNSS or a gyro that shows anything then says.
+    if reference == WHEELS and any(spread(motion.turns[name]) > 0 for name in (GNSS, GYRO) if name in motion.turns):
         return
     low, high = SETTINGS.steering_turns
     for name in (STEERING_WHEEL, ROAD_WHEEL):

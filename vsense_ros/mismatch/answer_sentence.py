@@ -14,7 +14,7 @@ from vsense_ros.mismatch.beforehand import Beforehand
 from vsense_ros.mismatch.objections import LITTLE_LASTS, NO_MORE_THAN_CHANCE
 from vsense_ros.mismatch.simulation import LOST
 from vsense_ros.mismatch.thresholds import THRESHOLDS
-from vsense_ros.mismatch.words import in_words, label, percent, physics_in_words, shown_value
+from vsense_ros.mismatch.words import ended, in_words, label, percent, physics_in_words, shown_value
 from vsense_ros.model.effects import BY_ID
 
 DEFECTS_SAID = 3  # defects of recordings that the sentence lists
@@ -63,7 +63,7 @@ def conditions(answer: Answer, known: Sequence[Beforehand], left_out: Sequence[s
         rest = f"; and {more} more, which the remarks list" if more > 0 else ""
         said += f" In the recordings themselves: {'; '.join(defects[:DEFECTS_SAID])}{rest}."
     if left_out:
-        said += f" Left out of the comparison: {'; '.join(left_out)}{'' if left_out[-1].endswith('?') else '.'}"
+        said += f" Left out of the comparison: {ended('; '.join(left_out))}"
     return said
 
 

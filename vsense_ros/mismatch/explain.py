@@ -55,6 +55,7 @@ from vsense_ros.mismatch.thresholds import THRESHOLDS
 from vsense_ros.mismatch.validation import Validation
 from vsense_ros.mismatch.verdict import Judged, judge
 from vsense_ros.mismatch.windows import Dataset
+from vsense_ros.mismatch.words import ended
 from vsense_ros.model.effects import BY_ID
 from vsense_ros.model.vehicle import Vehicle
 
@@ -191,7 +192,7 @@ def explain_recordings(
 
 
 def _nothing_said(reason: str) -> str:
-    return f"Nothing can be said: {reason}."
+    return ended(f"Nothing can be said: {reason}")
 
 
 def _observed(

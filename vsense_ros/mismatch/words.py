@@ -75,6 +75,11 @@ def first_and_rest(said: str) -> tuple[str, str]:
     return first, "".join(others)
 
 
+def ended(said: str) -> str:
+    """A sentence with its full stop, unless it ends with a question."""
+    return said if said.endswith(("?", ".")) else f"{said}."
+
+
 def label(name: str) -> str:
     """A name of the files in words."""
     return " ".join(word.upper() if word in CAPITALS else word for word in name.split("_"))
