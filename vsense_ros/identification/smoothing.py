@@ -5,8 +5,6 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.linalg import solveh_banded
-from scipy.ndimage import uniform_filter1d
 
 from vsense_ros.estimation.filter import Array
 
@@ -33,6 +31,8 @@ def smoothed(values: Array, noise: float, h: float) -> Array:
     1 / (1 + noise² |1 - exp(i ω)|⁴ / v). An input of which a drive on a straight road shows nothing but noise would
     else be told from the output, which does not follow it, by a model that is too slow.
     """
+    from scipy.ndimage import uniform_filter1d  # which takes long to load, and an observer does not need
+
     if noise <= 0 or len(values) < 4:
         return values
     frequency = (np.arange(SMOOTHING.bins) + 0.5) * np.pi / SMOOTHING.bins
@@ -53,6 +53,8 @@ def smoothed(values: Array, noise: float, h: float) -> Array:
 def _penalised(values: Array, weights: Array) -> Array:
     """The signal (n,) with the least sum of its squared distances from values and of its squared second differences
     (n - 2,), weighed."""
+    from scipy.linalg import solveh_banded  # likewise
+
     n = len(values)
     bands = np.zeros((3, n))
     for i, a in enumerate((1.0, -2.0, 1.0)):
