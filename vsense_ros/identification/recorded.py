@@ -202,6 +202,7 @@ def drives(signals_of_drives: Sequence[Signals], model: str) -> list[Drive]:
         _refuse_spin(recorded, stretch)
         cut_off = cut_off_of(recorded, stretch)
         inputs, raw = inputs[stretch], outputs[stretch]
+        # The steering angle is the first input of both models.
         inputs[:, 0] = smoothed(inputs[:, 0], white_noise(inputs[:, 0]), RECORDED.step)
         inputs, outputs = (low_passed(values, RECORDED.step, cut_off) for values in (inputs, raw))
         start = np.zeros(13 if model == "best" else 4)

@@ -16,29 +16,34 @@ class SmoothingSettings:
     around: float = 2.0  # [s] over which a signal moves alike
     slowest: float = 0.1  # [Hz] cut-off where it does not move
     iterations: int = 20
-    bins: int = 200  # of frequencies
+    frequencies: int = 200  # at which g is averaged
+    ratios: int = 400  # of v over the variance of the noise, in a table of g
+    largest_ratio: float = 1e4  # [-]
 
 
 SMOOTHING = SmoothingSettings()
 
 
 def smoothed(values: Array, noise: float, h: float) -> Array:
-    """Values (n,), `h` [s] apart, with white noise of a standard deviation of `noise`, smoothed.
+    """A signal (n,), in the unit of `values` (n,), which are `h` [s] apart and have white noise with a standard
+    deviation of `noise`.
 
-    The second differences of the signal are taken for normal, with a variance v that changes slowly, which is found
-    beside: the smoothed signal is the likeliest (Whittaker 1923; with the noise known, a Wiener filter). What it keeps
-    of the second differences has a variance of g v, with g the mean over all frequencies ω of
-    1 / (1 + noise² |1 - exp(i ω)|⁴ / v). An input of which a drive on a straight road shows nothing but noise would
-    else be told from the output, which does not follow it, by a model that is too slow.
+    Second differences of the signal are taken to be normal, with a variance v that changes slowly and is estimated with
+    it. The result is the most likely signal (Whittaker 1923); with constant v it is that of a Wiener filter. Its second
+    differences have a variance of g v, where g is the mean over all frequencies ω of
+    1 / (1 + noise² |1 - exp(i ω)|⁴ / v).
+
+    On a straight road a measured steering angle consists of noise, which the yaw rate does not follow. A model that is
+    fitted to such an angle becomes too slow.
     """
-    from scipy.ndimage import uniform_filter1d  # which takes long to load, and an observer does not need
+    from scipy.ndimage import uniform_filter1d  # takes long to load, and no observer needs it
 
     if noise <= 0 or len(values) < 4:
         return values
-    frequency = (np.arange(SMOOTHING.bins) + 0.5) * np.pi / SMOOTHING.bins
+    frequency = (np.arange(SMOOTHING.frequencies) + 0.5) * np.pi / SMOOTHING.frequencies
     fourth = (2 - 2 * np.cos(frequency)) ** 2
     least = (2 * np.pi * SMOOTHING.slowest * h) ** 4  # of v over the variance of the noise
-    ratios = np.geomspace(least, 1e4, 400)
+    ratios = np.geomspace(least, SMOOTHING.largest_ratio, SMOOTHING.ratios)
     kept = np.log(ratios * np.mean(1 / (1 + fourth / ratios[:, None]), axis=1))
     length = max(3, round(SMOOTHING.around / h))
     ratio = np.full(len(values) - 2, 1.0)
@@ -51,9 +56,8 @@ def smoothed(values: Array, noise: float, h: float) -> Array:
 
 
 def _penalised(values: Array, weights: Array) -> Array:
-    """The signal (n,) with the least sum of its squared distances from values and of its squared second differences
-    (n - 2,), weighed."""
-    from scipy.linalg import solveh_banded  # likewise
+    """The signal s (n,) that minimises Σ (s - values)² + Σ weights (Δ² s)², with values (n,) and weights (n - 2,)."""
+    from scipy.linalg import solveh_banded  # takes long to load, and no observer needs it
 
     n = len(values)
     bands = np.zeros((3, n))
