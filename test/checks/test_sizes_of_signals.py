@@ -280,7 +280,7 @@ def test_a_steering_angle_in_which_no_car_turns_so_is_another_part_s(name, facto
 
 @pytest.mark.parametrize(("others", "named"), [((), True), (("wz",), False), (GNSS_SIGNALS, False)])
 def test_where_a_car_goes_straight_ahead_the_slip_of_its_wheels_is_not_held_against_the_steering(others, named):
-    """As in a car that brakes with one wheel smaller than the other. Without GNSS and a gyro nobody knows."""
+    """Without GNSS and a gyro, it is not known that the car goes straight ahead."""
     slipping, straight = Drive(turning=0.2).signals(), Drive(turning=0.005).signals()
     signals = {**only(slipping, *WHEEL_SIGNALS), **only(straight, *others)}
     found = list(steering_size(subject_of({**signals, "steering_wheel": 0.1 * slipping["steering_wheel"]}), []))

@@ -186,7 +186,7 @@ def steering_size(subject: Subject, before: Sequence[Finding]) -> Iterator[Findi
     reference = None if motion is None else motion.first_turning(GNSS, GYRO, WHEELS)
     if motion is None or topic is None or reference is None:
         return
-    # Wheels that slip differ also where a car goes straight ahead, as GNSS or a gyro that shows anything then says.
+    # Slip makes wheels differ on a straight road, too, which GNSS or a gyro that is not frozen shows.
     if reference == WHEELS and any(spread(motion.turns[name]) > 0 for name in (GNSS, GYRO) if name in motion.turns):
         return
     low, high = SETTINGS.steering_turns
